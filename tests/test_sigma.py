@@ -15,7 +15,6 @@ from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, error_budget
 from tactilenlp.information.error_budget_terms import (
     UNTOUCHED_FACTOR,
-    TouchedFaces,
     untouched_faces,
 )
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
@@ -219,7 +218,7 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, UP, 1)
 
     def doubt_of(*faces):
-        return untouched_faces(TouchedFaces(tangent, CUBOID, faces, noise, True))
+        return untouched_faces(tangent, CUBOID, faces, noise, True)
 
     doubt = doubt_of([9, 9], [9, 0], [0, 9])
     assert doubt[1, 1] == pytest.approx((UNTOUCHED_FACTOR * noise) ** 2)
@@ -238,7 +237,7 @@ def test_the_face_that_a_body_stands_on_is_known_on_ground_that_leans():
         tangent = TangentSpace(
             ("",) * 9, np.arange(9), np.eye(9), {}, (), z, R, R, up, 3
         )
-        return untouched_faces(TouchedFaces(tangent, CUBOID, faces, 1e-3, True))
+        return untouched_faces(tangent, CUBOID, faces, 1e-3, True)
 
     assert not doubt_of(np.eye(3), UP).any()
     assert not doubt_of(lean, lean @ UP).any()

@@ -1,22 +1,23 @@
-r"""Add up the error budget: the covariance that `sigma` reports, as a list of terms.
+r"""Add up the error budget: the covariance that `sigma` reports, term by term.
 
 The inverse Hessian is the covariance of the error only where every term of the
 objective is the negative logarithm of a true density.  Penalties of physics are none.
 The sandwich covariance (White 1982) is
 
-    C = K^{-1} G K^{-1},   G = sum of the errors in ERROR_TERMS that apply
+    C = K^{-1} G K^{-1},   G = sum of the errors that apply
 
-where G is the covariance of the gradient by each source of error.  ERROR_TERMS is one
-list for every class of shapes: a term applies where the programme has what it is about.
+where G is the covariance of the gradient by each source of error: of sensing, and of
+the model.  A term applies where the programme has what it is about, in any class.
 Untouched faces and profile likelihoods are added to the covariance of the mixture.
 PHYSICS is measured: with it sigma covers the errors of 20 recordings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -33,18 +34,15 @@ from ..common.deadline import NEVER, Deadline
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import Doubt, considered, motions
 from .error_budget_terms import (
-    TouchedFaces,
     curvature_of_costs,
     friction_error,
     missing_impulses,
     negative_curvature,
-    profile_beyond,
     regularisation,
     shape_prior_error,
     stick_slip,
     uneven_ground,
     unseen_motion,
-    untouched_faces,
 )
 from .measurement_noise import (
     MixedDerivatives,
@@ -149,144 +147,62 @@ class Response:
     let_go: np.ndarray
     ahead: np.ndarray
 
-    @cached_property
-    def by_touches(self) -> tuple[np.ndarray, np.ndarray]:
-        """How they move with positions and normals through the touches."""
-        return self._moved(lambda name: name == TOUCH_TERM)
+    def moved(self, by_touches: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return how they move with positions and normals, (k, T, F, 3) each.
 
-    @cached_property
-    def by_others(self) -> tuple[np.ndarray, np.ndarray]:
-        """How they move with positions and normals through all other terms."""
-        return self._moved(lambda name: name != TOUCH_TERM)
-
-    def _moved(self, asked) -> tuple[np.ndarray, np.ndarray]:
-        through = [mixed for mixed in self.at.derivatives if asked(mixed.name)]
+        Through the touches alone, or through all other terms.
+        """
+        derivatives = self.at.derivatives
+        through = [d for d in derivatives if (d.name == TOUCH_TERM) == by_touches]
         return sensitivity_to_measurements(
             through, self.at.sensed, self.by_gradient, self.by_constraint
         )
 
 
-def sensor_noise(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) by the noise of positions and normals."""
-    pairs = zip(response.by_touches, response.by_others, strict=True)
-    moves = (touched + others for touched, others in pairs)
-    return sensor_covariance(*moves, response.at.sensed)
+def errors_of_sensing(response: Response) -> Iterator[np.ndarray]:
+    """Yield the covariance (k, k) by each error of what is measured or was told."""
+    at, by_gradient, doubts = response.at, response.by_gradient, response.at.doubts
+    touched, others = response.moved(True), response.moved(False)
+    both = (by + by_other for by, by_other in zip(touched, others, strict=True))
+    yield sensor_covariance(*both, at.sensed)
+    if TOUCH_TERM in at.kkt.problem.costs:
+        yield model_error(at.kkt, *touched, at.sensed, at.window, at.shape)
+    for name in ("rounded edges", "late normals", "late touches"):
+        if name in doubts:
+            moved = response.moving if name == "late touches" else 0.0
+            yield doubts[name].covariance(by_gradient, moved)
+    if radii := [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]:
+        yield sum(doubt.covariance(by_gradient) for doubt in radii)
+    if at.tilt is not None:
+        yield at.tilt.covariance(by_gradient, response.turned)
 
 
-def touch_model(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) by touches that are not as modelled."""
-    at = response.at
-    return model_error(at.kkt, *response.by_touches, at.sensed, at.window, at.shape)
-
-
-def physics_model(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) by a share of the curvature of physics."""
-    at = response.at
-    names = [*at.costs(["physics"]), *at.kkt.problem.constraints]
-    return PHYSICS * curvature_of_costs(at.kkt, response.by_gradient, names)
-
-
-def priors(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) by priors that are off by their deviations."""
-    at = response.at
-    return curvature_of_costs(at.kkt, response.by_gradient, at.costs(PRIORS))
-
-
-@dataclass(frozen=True)
-class ErrorTerm:
-    """One named error: its covariance (k, k), and whether a programme has it.
-
-    covariance: function of a Response; applies: function of a Linearisation.
-    """
-
-    name: str
-    covariance: Callable
-    applies: Callable = lambda at: True
-
-
-def _given(name: str) -> ErrorTerm:
-    """Return the error of a coefficient of friction that was given."""
-    return ErrorTerm(
-        name,
-        lambda r: friction_error(r.at.kkt, r.by_gradient, r.by_constraint, name),
-        lambda at: name in at.kkt.problem.parameters,
-    )
-
-
-def _considered(name: str, moved: Callable = lambda r: 0.0) -> ErrorTerm:
-    """Return the error by a consider parameter; moved: see Doubt.covariance."""
-    return ErrorTerm(
-        name,
-        lambda r: r.at.doubts[name].covariance(r.by_gradient, moved(r)),
-        lambda at: name in at.doubts,
-    )
-
-
-def told_radii(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) by radii of fingers that were told wrong."""
-    doubts = response.at.doubts
-    radii = [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]
-    return sum(doubt.covariance(response.by_gradient) for doubt in radii)
-
-
-def _has_touches(at: Linearisation) -> bool:
-    return TOUCH_TERM in at.kkt.problem.costs
-
-
-ERROR_TERMS = (
-    ErrorTerm("sensor noise", sensor_noise),
-    ErrorTerm("touch model", touch_model, _has_touches),
-    _considered("rounded edges"),
-    _considered("late normals"),
-    _considered("late touches", lambda r: r.moving),
-    ErrorTerm("told radii", told_radii, _has_touches),
-    ErrorTerm(
-        "tilt of the ground",
-        lambda r: r.at.tilt.covariance(r.by_gradient, r.turned),
-        lambda at: at.tilt is not None,
-    ),
-    ErrorTerm("priors", priors),
-    ErrorTerm("physics model", physics_model),
-    ErrorTerm(
-        "missing impulses",
-        lambda r: PHYSICS * missing_impulses(r.at.kkt, r.by_constraint),
-    ),
-    ErrorTerm("regularisation", lambda r: regularisation(r.at.kkt, r.by_gradient)),
-    _given(FINGER_FRICTION),
-    _given(GROUND_FRICTION),
-    ErrorTerm(
-        "uneven ground",
-        lambda r: uneven_ground(r.at.kkt, r.by_constraint, r.at.window),
-        lambda at: GROUND_GAP in at.kkt.problem.constraints,
-    ),
-    ErrorTerm("negative curvature", lambda r: negative_curvature(r.hessian)),
-    ErrorTerm(
-        "stick-slip ambiguity",
-        lambda r: stick_slip(
-            r.at.kkt, r.by_gradient, r.at.window, r.at.sensed.data.action
-        ),
-        lambda at: len(at.window.push) > 0,
-    ),
-    ErrorTerm("unseen motion", unseen_motion),
-    ErrorTerm(
-        "shape prior error",
-        lambda r: shape_prior_error(r.at.kkt, r.by_gradient),
-        lambda at: BALL in at.kkt.problem.variables,
-    ),
-)
+def errors_of_model(response: Response) -> Iterator[np.ndarray]:
+    """Yield the covariance (k, k) by each error of priors and physics."""
+    at, kkt, problem = response.at, response.at.kkt, response.at.kkt.problem
+    by_gradient, by_constraint = response.by_gradient, response.by_constraint
+    yield curvature_of_costs(kkt, by_gradient, at.costs(PRIORS))
+    physics = [*at.costs(["physics"]), *problem.constraints]
+    yield PHYSICS * curvature_of_costs(kkt, by_gradient, physics)
+    yield PHYSICS * missing_impulses(kkt, by_constraint)
+    yield regularisation(kkt, by_gradient)
+    for name in (FINGER_FRICTION, GROUND_FRICTION):
+        if name in problem.parameters:  # it was given
+            yield friction_error(kkt, by_gradient, by_constraint, name)
+    if GROUND_GAP in problem.constraints:
+        yield uneven_ground(kkt, by_constraint, at.window)
+    yield negative_curvature(response.hessian)
+    if len(at.window.push):
+        yield stick_slip(kkt, by_gradient, at.window, at.sensed.data.action)
+    yield unseen_motion(response)
+    if BALL in problem.variables:
+        yield shape_prior_error(kkt, by_gradient)
 
 
 def error_budget(response: Response) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI: the sum of all terms."""
-    found = []
-    for term in ERROR_TERMS:
+    total = np.zeros_like(response.hessian)
+    for covariance in chain(errors_of_sensing(response), errors_of_model(response)):
         response.at.deadline.check()
-        if term.applies(response.at):
-            found.append(term.covariance(response))
-    total = sum(found[1:], start=found[0])
+        total += covariance
     return (total + total.T) / 2
-
-
-def after_mixture(seen: TouchedFaces, mixture) -> np.ndarray:
-    """Return what faces and profiles add to the covariance (k, k) of a mixture."""
-    return untouched_faces(seen) + profile_beyond(seen.profile, mixture)

@@ -9,8 +9,6 @@ lists which of them apply to which class of shapes and adds them up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from formulations.names import BALL, GIVES, GROUND_GAP
@@ -219,37 +217,23 @@ def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
     return moved @ moved.T
 
 
-@dataclass(frozen=True, eq=False)
-class TouchedFaces:
-    """What a shape of sizes is known by: touched faces, profile likelihood.
+def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.ndarray:
+    """Return the covariance (k, k) of faces that nothing touched, SI.
 
     faces (axes, 2): samples that touched each; noise [m] of finger positions; grounded:
-    whether a ground carries the body; profile (k, k) of sizes and final pose, or None.
-    """
-
-    tangent: object
-    shape: object
-    faces: np.ndarray
-    noise: float
-    grounded: bool
-    profile: np.ndarray | None = None
-
-
-def untouched_faces(seen: TouchedFaces) -> np.ndarray:
-    """Return the covariance (k, k) of faces that nothing touched, SI.
+    whether a ground carries the body.
 
     What physics tells of them is not Gaussian: one optimum among others, and too small
     rather than too large where finger paths are noisy.  The ground touches one at the
     first and at the last sample.  A body whose unknowns are no lengths of sides has no
     such term.
     """
-    tangent, shape = seen.tangent, seen.shape
     n, k = shape.theta, len(tangent.z)
     total = np.zeros((k, k))
     if not (shape.is_box and shape.symmetries):
         return total
-    known = np.asarray(seen.faces) >= KNOWN_FACE
-    for lean in tangent.up @ [tangent.R_first, tangent.R] if seen.grounded else ():
+    known = np.asarray(faces) >= KNOWN_FACE
+    for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():
         down = np.argmax(np.abs(lean))
         known[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
     for axis, (low, high) in enumerate(known):
@@ -259,7 +243,7 @@ def untouched_faces(seen: TouchedFaces) -> np.ndarray:
         way[axis] = 1.0
         places = k - n - tangent.turning
         way[n : n + places] = (int(low) - int(high)) / 2 * tangent.R[:places, axis]
-        deviation = UNTOUCHED_FACTOR * seen.noise
+        deviation = UNTOUCHED_FACTOR * noise
         if tangent.turning == 3:
             deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
         total += deviation**2 * np.outer(way, way)
@@ -272,7 +256,7 @@ def profile_beyond(profile, C) -> np.ndarray:
     Each row adds what the rows before it have not added already.
     """
     beyond = np.zeros_like(C)
-    for i, off in enumerate(() if profile is None else profile):
+    for i, off in enumerate(profile):
         more = off[i] ** 2 - max(C[i, i], 0.0) - beyond[i, i]
         if more > 0:
             beyond += more / off[i] ** 2 * np.outer(off, off)

@@ -21,8 +21,8 @@ from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from .consider_parameters import in_numbers
-from .error_budget import Linearisation, after_mixture, error_budget
-from .error_budget_terms import TouchedFaces, bounded_pose
+from .error_budget import Linearisation, error_budget
+from .error_budget_terms import bounded_pose, profile_beyond, untouched_faces
 from .mixture import (
     LocalOptimum,
     Modes,
@@ -248,9 +248,10 @@ def parts_of(kkt: KKTSystem, by_gradient, matrix) -> dict[str, np.ndarray]:
 def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
     """Return the covariance (k, k) and sigma of the path."""
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
-    profile = None if profile is None else profile @ tangent.jacobian.T
-    seen = TouchedFaces(tangent, at.shape, faces, noise, grounded, profile)
-    beyond = after_mixture(seen, modes.covariance)  # what the mixture leaves out
+    # What the mixture leaves out.
+    beyond = untouched_faces(tangent, at.shape, faces, noise, grounded)
+    if profile is not None:
+        beyond += profile_beyond(profile @ tangent.jacobian.T, modes.covariance)
     pairs = zip(modes.weights[1:], optima[1:], strict=True)
     others = [(weight, optimum) for weight, optimum in pairs if weight]
     solution, more = optima[0].solution, beyond + modes.of_others
