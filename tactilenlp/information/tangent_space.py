@@ -63,11 +63,11 @@ def final_unknowns(problem) -> np.ndarray:
 def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
     """Return the tangent space at a solution; R_wg (3, 3): from ground to world."""
     motion, n, chosen = window.motion, shape.theta, final_unknowns(problem)
-    at = np.r_[solution.values["theta"][:, 0], solution.values["x"][:, -1]]
-    p, R, quantities, position, rotation = _maps(shape, motion, at)
-    position, rotation = R_wg @ position, R_wg @ rotation
-    values = (ca.DM(solution.values[name][:, 0]) for name in ("theta", "x"))
-    first = np.asarray(ca.DM(motion.pose(shape, *values)[1]))
+    theta, x = solution.values["theta"][:, 0], solution.values["x"][:, [0, -1]]
+    p, (first, R), position, rotation = pose_jacobians(shape, motion, theta, x)
+    position, rotation = R_wg @ position[-1], R_wg @ rotation[-1]
+    at = np.r_[theta, x[:, -1]]
+    quantities = _slopes_of_quantities(shape, theta, len(at))
     names = (*shape.names, *UNKNOWNS[motion.name])
     tangent, up = np.eye(len(at)), np.eye(3)[2]
     if motion.name == "free":
@@ -75,7 +75,7 @@ def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
         back = np.linalg.inv(tangent)
         position, rotation = position @ back, rotation @ back
         quantities = {name: J @ back for name, J in quantities.items()}
-        at, R = np.r_[at[:n], R_wg @ p, np.zeros(3)], R_wg @ R
+        at, R = np.r_[at[:n], R_wg @ p[-1], np.zeros(3)], R_wg @ R
         first, up = R_wg @ first, R_wg[:, 2]
     still = np.all(np.abs(rotation) < 1e-12, axis=1)
     rotation[still] = np.nan
@@ -93,50 +93,38 @@ def tangent_of(shape, motion, at, R_wg) -> np.ndarray:
     """Return from a change of theta and a pose's unknowns, `at` (k,), to one of z."""
     if motion.name != "free":
         return np.eye(len(at))
-    *_, position, rotation = _maps(shape, motion, at)
-    return _tangent(shape.theta, R_wg @ position, R_wg @ rotation)
+    n = shape.theta
+    *_, position, rotation = pose_jacobians(shape, motion, at[:n], at[n:, None])
+    return _tangent(n, R_wg @ position[0], R_wg @ rotation[0])
 
 
 def _tangent(n: int, position, rotation) -> np.ndarray:
     return np.vstack([np.eye(n, n + 6), position, rotation])
 
 
-def _maps(shape, motion, at):
-    """Return p (3,), R (3, 3), and Jacobians of quantities, position and turn, (3, k).
-
-    A turn is a rotation vector in the frame of the problem.
-    """
-    n = shape.theta
-    z = ca.SX.sym("z", len(at))
-    p, R, position, rotation = _pose_slopes(shape, motion, z, n)
-    asked = dict(getattr(shape, "quantities", ()))
-    jacobians = [ca.jacobian(ca.SX(f(z[:n])), z) for f in asked.values()]
-    out = [p, R, position, rotation, *jacobians]
-    found = [np.asarray(ca.DM(m)) for m in ca.Function("maps", [z], out)(at)]
-    p, R, position, rotation, *jacobians = found
-    quantities = dict(zip(asked, jacobians, strict=True))
-    return p[:, 0], R, quantities, position, rotation
-
-
-def _pose_slopes(shape, motion, z, n: int):
-    """Return p (3,), R (3, 3) and the Jacobians (3, k) of position and turn by z (k,).
-
-    z: n unknowns of the shape, then those of a pose.
-    """
-    p, R = motion.pose(shape, z[:n], z[n:])
-    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
-    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
-    return p, R, ca.jacobian(p, z), ca.horzcat(*turns)
+def _slopes_of_quantities(shape, theta, k: int) -> dict[str, np.ndarray]:
+    """Return the Jacobians (3, k) of what a user asks for, by theta, then a pose."""
+    symbol, slopes = ca.SX.sym("theta", len(theta)), {}
+    for name, of in getattr(shape, "quantities", ()):
+        slope = ca.jacobian(ca.SX(of(symbol)), symbol)
+        slope = np.asarray(ca.DM(ca.Function("slope", [symbol], [slope])(theta)))
+        slopes[name] = np.pad(slope, ((0, 0), (0, k - len(theta))))
+    return slopes
 
 
 def pose_jacobians(shape, motion, theta, x):
     """Return p (s, 3), R (s, 3, 3) and Jacobians of position and turn (s, 3, k).
 
-    theta (n,); x (unknowns of a pose, s).  The Jacobians are by (theta, column of x).
+    theta (n,); x (unknowns of a pose, s).  The Jacobians are by (theta, column of x); a
+    turn is a rotation vector in the frame of the problem.
     """
     n, (unknowns, samples) = len(theta), x.shape
     z = ca.SX.sym("z", n + unknowns)
-    out = [ca.vec(ca.densify(M)) for M in _pose_slopes(shape, motion, z, n)]
+    p, R = motion.pose(shape, z[:n], z[n:])
+    slopes = [ca.jacobian(ca.vec(ca.densify(R)), z[i]) for i in range(z.numel())]
+    turns = [ca.inv_skew(ca.reshape(dR, 3, 3) @ R.T) for dR in slopes]
+    out = [p, R, ca.jacobian(p, z), ca.horzcat(*turns)]
+    out = [ca.vec(ca.densify(M)) for M in out]
     function = ca.Function("poses", [z], out).map(samples)
     at = np.vstack([np.repeat(theta[:, None], samples, axis=1), x])
     p, R, *jacobians = (np.asarray(o).T for o in function(at))
