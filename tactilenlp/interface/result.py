@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar
 
 import numpy as np
@@ -272,13 +272,12 @@ class Estimate:
         )
 
 
+SOLVED = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annotations__)
+
+
 def solution_of(estimate: Estimate, page) -> Solution:
     """Return the solution of a page that an estimate was read from."""
-    same = (
-        *("objective", "costs", "violations", "multipliers", "bound_multipliers"),
-        *("success", "status", "iterations", "evaluations", "seconds", "progress"),
-    )
-    known = {name: getattr(estimate, name) for name in same}
+    known = {name: getattr(estimate, name) for name in SOLVED}
     return Solution(
         values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **known
     )
