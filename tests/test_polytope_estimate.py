@@ -26,7 +26,7 @@ from tactilenlp import (
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.interface.options import Options
-from tactilenlp.interface.readout import read_polytope
+from tactilenlp.interface.readout import information_in_time, read_polytope
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
 from tactilenlp.problem.reductions import Reductions
@@ -113,7 +113,8 @@ def test_a_hull_on_three_legs_is_read_with_these(octahedron):
     found = replace(found, theta=vertices.ravel())
     solved = solved_from(job, found, levels=page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
-    body, information = read_polytope(job, solved)
+    body = read_polytope(job, solved)
+    information = information_in_time(job, solved, body.faces)
     assert np.isfinite(body.vertices).all()
     assert np.isfinite(information.spread).all()
 

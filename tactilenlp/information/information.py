@@ -223,26 +223,29 @@ def information_of(
         modes, optima, at, tangent, faces, R_wg, profile
     )
     words, directions = open_directions(tangent, covariance, shape, faces)
-    matrix = inverse(C)
-    parts = parts_of(kkt, response.by_gradient, matrix)
-    terms = problem.terms
-    return Information(
-        names=tangent.names, matrix=matrix, spread=covariance, parts=parts,
-        roles={name: terms[name].role or "constraint" for name in parts},
-        modes=modes, maps=tangent.maps, unobserved=words, directions=directions,
-        fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous,
-        indefinite=_indefinite(kkt), path=path, ground=ground,
-        **fields_of_offsets(at, tangent, R_wg),
-        considered=in_numbers(at.doubts),
+    return at_solution(
+        at, response, tangent, inverse(C), spread=covariance, modes=modes,
+        unobserved=words, directions=directions, indefinite=_indefinite(kkt),
+        path=path, ground=ground, **fields_of_offsets(at, tangent, R_wg),
     )  # fmt: skip
 
 
-def parts_of(kkt: KKTSystem, by_gradient, matrix) -> dict[str, np.ndarray]:
-    """Return what the Hessian of each term adds to the information (k, k)."""
-    return {
+def at_solution(at, response, tangent, matrix, **told) -> Information:
+    """Return the information about the coordinates of a tangent space.
+
+    matrix (k, k): by the Hessian; told: the fields that no linearisation gives.
+    """
+    kkt, by_gradient = at.kkt, response.by_gradient
+    parts = {
         name: matrix @ (by_gradient.T @ (H @ by_gradient)) @ matrix
         for name, H in kkt.hessians.items()
     }
+    roles = {name: kkt.problem.terms[name].role or "constraint" for name in parts}
+    return Information(
+        names=tangent.names, matrix=matrix, parts=parts, roles=roles,
+        maps=tangent.maps, fixed=tangent.fixed, active=kkt.active,
+        ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts), **told,
+    )  # fmt: skip
 
 
 def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):

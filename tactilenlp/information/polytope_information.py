@@ -13,11 +13,10 @@ from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt import kkt_system_of
-from .consider_parameters import in_numbers
 from .error_budget import Linearisation, error_budget
-from .information import Information, parts_of
+from .information import Information, at_solution
 from .mixture import one_mode
-from .tangent_space import untouched_polygons
+from .tangent_space import TangentSpace
 from .trajectory import trajectory_variance
 
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
@@ -35,52 +34,44 @@ def polytope_information(
     faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world;
     sensed: the measurements, from whose noise the error budget starts.
     """
-    theta = problem.variables["theta"]
-    chosen = np.arange(theta.span.start, theta.span.stop)
     kkt = kkt_system_of(problem, solution, deadline)
-    turn = np.kron(np.eye(theta.columns), R_wg)
-    floor = LEAST_DEVIATION**2 * np.eye(len(turn))
+    tangent = tangent_space_of_hull(problem, solution, R_wg)
     at = Linearisation(kkt, sensed, window, shape, deadline)
     deadline.check()
-    terms = problem.terms
     V, turned = solution.values["theta"].T, 0.0
     if at.tilt is not None:
         turned = at.tilt.turned(V, R_wg)[:, :3].reshape(-1, 2)
-    response = at.response(chosen, turn, turned)
+    response = at.response(tangent.chosen, tangent.jacobian, turned)
     deadline.check()
+    floor = LEAST_DEVIATION**2 * np.eye(V.size)
     indefinite = np.linalg.eigvalsh(response.hessian)[0] < -(LEAST_DEVIATION**2)
     C, errors = (M + floor for M in (response.hessian, error_budget(response)))
     middle = centroid(V), _slope_of_centroid(V)
     path = trajectory_variance(at, solution.values, R_wg, middle)
-    matrix = np.linalg.inv(C)
-    parts = parts_of(kkt, response.by_gradient, matrix)
-    return Information(
-        names=names_of_vertices(theta.columns),
-        matrix=matrix, spread=errors, parts=parts,
-        roles={name: terms[name].role or "constraint" for name in parts},
-        modes=one_mode(solution.objective, errors), maps=maps_of_vertices(V, R_wg),
-        unobserved=untouched_polygons(faces), directions=np.zeros((len(C), 0)),
-        fixed=("rotation: the body's axes are the world's at the last sample",),
-        active=kkt.active, ambiguous=kkt.ambiguous,
+    missing = int(np.count_nonzero(faces == 0))
+    words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
+    return at_solution(
+        at, response, tangent, np.linalg.inv(C), spread=errors,
+        modes=one_mode(solution.objective, errors), unobserved=words,
+        directions=np.zeros((len(C), 0)),
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
-        considered=in_numbers(at.doubts),
     )  # fmt: skip
 
 
-def names_of_vertices(vertices: int) -> tuple[str, ...]:
-    """Return the names of the coordinates of so many vertices, in their order."""
-    return tuple(f"vertex {j} {w}" for j in range(vertices) for w in "xyz")
-
-
-def maps_of_vertices(V, R_wg) -> dict[str, np.ndarray]:
-    """Return how vertices, centroid and rotation follow from vertices V (V, 3) [m]."""
+def tangent_space_of_hull(problem, solution, R_wg) -> TangentSpace:
+    """Return the vertices at the last sample, world frame, as coordinates."""
+    theta, V = problem.variables["theta"], solution.values["theta"].T
+    names = tuple(f"vertex {j} {w}" for j in range(len(V)) for w in "xyz")
     turn = np.kron(np.eye(len(V)), R_wg)
     middle = R_wg @ (_slope_of_centroid(V) @ turn.T)
-    return {
+    maps = {
         "vertices": np.eye(V.size) - np.tile(middle, (len(V), 1)),
         "position": middle,
         "rotation": np.zeros((3, V.size)),
     }
+    fixed = ("rotation: the body's axes are the world's at the last sample",)
+    chosen = np.arange(theta.span.start, theta.span.stop)
+    return TangentSpace(names, chosen, turn, maps, fixed)
 
 
 def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:

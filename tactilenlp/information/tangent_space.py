@@ -34,7 +34,7 @@ class TangentSpace:
     of those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
     what the motion fixes, whose rows are NaN; R, R_first (3, 3): the final and the
     first rotation; up (3,): the vertical in the frame of both; turning: how many of the
-    last entries of z turn the body.
+    last entries of z turn the body.  From z on, None where these are vertices.
     """
 
     names: tuple[str, ...]
@@ -42,11 +42,11 @@ class TangentSpace:
     jacobian: np.ndarray
     maps: dict[str, np.ndarray]
     fixed: tuple[str, ...]
-    z: np.ndarray
-    R: np.ndarray
-    R_first: np.ndarray
-    up: np.ndarray
-    turning: int
+    z: np.ndarray | None = None
+    R: np.ndarray | None = None
+    R_first: np.ndarray | None = None
+    up: np.ndarray | None = None
+    turning: int | None = None
 
     @property
     def inverse(self) -> np.ndarray:
@@ -191,12 +191,6 @@ def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
     if way > OPEN_POSITION:
         words.append(f"position: sigma above {1e3 * OPEN_POSITION:.0f} mm")
     return tuple(words)
-
-
-def untouched_polygons(faces) -> tuple[str, ...]:
-    """Name how many faces were never touched."""
-    missing = int(np.count_nonzero(faces == 0))
-    return (f"{missing} of {len(faces)} faces never touched",) if missing else ()
 
 
 def inverse(C) -> np.ndarray:

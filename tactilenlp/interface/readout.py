@@ -24,9 +24,8 @@ from ..information.information import Information, information_of
 from ..information.measurement_noise import Sensed
 from ..information.mixture import one_mode
 from ..information.polytope_information import (
-    maps_of_vertices,
-    names_of_vertices,
     polytope_information,
+    tangent_space_of_hull,
     touched_polygons,
 )
 from ..information.tangent_space import tangent_space_of, widest_deviations
@@ -36,7 +35,7 @@ from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
 from .request import Request
-from .result import Estimate
+from .result import SOLVED, Estimate
 
 FAR_OFF = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
@@ -54,7 +53,8 @@ def read_off(
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
     read = {"sizes": read_sized, "vertices": read_polytope}[job.shape.parameters]
-    body, information = read(job, solved, modes)
+    body = read(job, solved)
+    information = information_in_time(job, solved, body.faces, modes)
     status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
@@ -76,9 +76,8 @@ def read_off(
         impulses=impulses(solved, request.data, job.scene),
         finger_offset=offsets_of(solution.values, R_wg),
         hypotheses=tuple(kept),
-        seconds=seconds,
         versions=versions(),
-        **_solved_fields(solved) | {"status": status},
+        **_solved_fields(solved) | {"status": status, "seconds": seconds},
     )
 
 
@@ -94,11 +93,7 @@ def _solved_fields(solved) -> dict:
     """Return the fields of an estimate that are those of the solve."""
     problem, solution = solved.problem, solved.solution
     exact = exact_violations(problem, solution)
-    same = (
-        *("multipliers", "bound_multipliers", "objective", "costs", "success"),
-        *("iterations", "iterations_by_level", "evaluations", "progress"),
-    )
-    return {name: getattr(solution, name) for name in same} | {
+    return {name: getattr(solution, name) for name in SOLVED} | {
         "theta": solution.values["theta"].T.ravel(),
         "unknowns": solution.values,
         "violations": {**solution.violations, **exact},
@@ -123,47 +118,27 @@ class Body:
     faces: np.ndarray
 
 
-def read_sized(job, solved, modes=()) -> tuple[Body, Information]:
-    """Return the body, and the information about it, of a shape with sizes."""
-    problem, window, solution = solved.problem, solved.window, solved.solution
-    shape, scene = job.shape, job.scene
-    theta, x = solved.at.theta, moved_on(job, solved.at.x)
-    faces = solved.touched
-    R_wg = frame_of(scene.ground).rotation.T
-    information = _in_time(
-        job, solved, R_wg,
-        lambda: information_of(
-            problem, solution, window, shape, faces, R_wg,
-            Sensed(job.data, job.precision, job.build, scene),
-            [mode.optimum for mode in modes], solved.profile, job.deadline,
-        ),
-    )  # fmt: skip
-    where = poses(shape, window.motion, theta, x, scene.ground)
-    return Body(*where, body_surface(shape, theta), faces), information
+def read_sized(job, solved) -> Body:
+    """Return the body of a shape with sizes."""
+    theta, x, shape = solved.at.theta, moved_on(job, solved.at.x), job.shape
+    where = poses(shape, solved.window.motion, theta, x, job.scene.ground)
+    return Body(*where, body_surface(shape, theta), solved.touched)
 
 
-def read_polytope(job, solved, modes=()) -> tuple[Body, Information]:
-    """Return the body, and the information about it, of a polytope.
+def read_polytope(job, solved) -> Body:
+    """Return the body of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
-    problem, window, solution = solved.problem, solved.window, solved.solution
-    scene = job.scene
-    V, x = solution.values["theta"].T, moved_on(job, solved.at.x)
-    middle, R_wg = centroid(V), frame_of(scene.ground).rotation.T
-    position, turn = hull_poses(scene, x, middle)
+    V, x = solved.solution.values["theta"].T, moved_on(job, solved.at.x)
+    middle, R_wg = centroid(V), frame_of(job.scene.ground).rotation.T
+    position, turn = hull_poses(job.scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     # Faces of the vertices that the estimate has: which facets make one face, and the
     # order of faces, depend on the frame.
     outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
-    faces = touched_polygons(window, V, outlines, x, job.precision.normal)
-    body = Body(position, quaternion_of(turn), vertices, faces)
-    shape = with_supports(
-        job.shape, solved.hypothesis.theta.reshape(-1, 3)
-    )  # as solved
-    sensed = Sensed(job.data, job.precision, replace(job, shape=shape).build, scene)
-    given = problem, solution, window, shape, faces, R_wg, sensed, job.deadline
-    return body, _in_time(job, solved, R_wg, lambda: polytope_information(*given))
+    faces = touched_polygons(solved.window, V, outlines, x, job.precision.normal)
+    return Body(position, quaternion_of(turn), vertices, faces)
 
 
 def moved_on(job, x) -> np.ndarray:
@@ -174,10 +149,23 @@ def moved_on(job, x) -> np.ndarray:
     return in_time(job.data, x.T, job.precision.latency).T
 
 
-def _in_time(job, solved, R_wg, compute) -> Information:
-    """Return compute(), or the information of the prior if the deadline ended that."""
+def information_in_time(job, solved, faces, modes=()) -> Information:
+    """Return the information; that of the prior if the deadline comes before it is.
+
+    faces: how many samples touched each; modes: other local optima of the same page.
+    """
+    of_hull, shape = job.shape.parameters == "vertices", job.shape
+    R_wg = frame_of(job.scene.ground).rotation.T
+    if of_hull:  # as solved
+        shape = with_supports(shape, solved.hypothesis.theta.reshape(-1, 3))
+    build = replace(job, shape=shape).build
+    sensed = Sensed(job.data, job.precision, build, job.scene)
+    given = solved.problem, solved.solution, solved.window, shape, faces, R_wg, sensed
     try:
-        return compute()
+        if of_hull:
+            return polytope_information(*given, job.deadline)
+        optima = [mode.optimum for mode in modes]
+        return information_of(*given, optima, solved.profile, job.deadline)
     except OutOfTime:
         job.deadline.omit("standard deviations")
         return prior_information(job, solved, R_wg)
@@ -254,17 +242,15 @@ def prior_information(job, solved, R_wg) -> Information:
     R_wg (3, 3): from the ground's frame, in which the problem is written.
     """
     problem, solution, shape = solved.problem, solved.solution, job.shape
-    if shape.parameters == "vertices":
-        names = names_of_vertices(solution.values["theta"].shape[1])
-        maps = maps_of_vertices(solution.values["theta"].T, R_wg)
-        deviation = np.full(len(names), shape.size_prior[1])
+    of_hull = shape.parameters == "vertices"
+    if of_hull:
+        tangent = tangent_space_of_hull(problem, solution, R_wg)
     else:
         tangent = tangent_space_of(problem, solution, solved.window, shape, R_wg)
-        names, maps = tangent.names, tangent.maps
-        deviation = widest_deviations(shape, len(names), REACHED, ANY_ROTATION)
-    spread = np.diag(deviation**2)
-    if shape.parameters == "vertices":  # all of them may be elsewhere together
-        along = np.tile(np.eye(3), (len(names) // 3, 1))
+    k = len(tangent.names)
+    spread = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
+    if of_hull:  # all of them may be elsewhere together
+        along = np.tile(np.eye(3), (k // 3, 1))
         spread += REACHED**2 * along @ along.T
     matrix = np.linalg.inv(spread)
     offsets = {}
@@ -275,8 +261,8 @@ def prior_information(job, solved, R_wg) -> Information:
         covariance = turn @ np.linalg.inv(prior) @ turn.T
         offsets = {"offsets": covariance, "with_offsets": both}
     return Information(
-        names=names, matrix=matrix, spread=spread, parts={}, roles={},
-        modes=one_mode(solution.objective, spread), maps=maps,
-        unobserved=(NOT_COMPUTED,), directions=np.zeros((len(names), 0)), fixed=(),
+        names=tangent.names, matrix=matrix, spread=spread, parts={}, roles={},
+        modes=one_mode(solution.objective, spread), maps=tangent.maps,
+        unobserved=(NOT_COMPUTED,), directions=np.zeros((k, 0)), fixed=(),
         active={}, ambiguous={}, indefinite=(), **offsets,
     )  # fmt: skip
