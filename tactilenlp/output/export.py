@@ -82,7 +82,10 @@ def _coloured(estimate):
 
 def _mjcf(estimate, path):
     root = xml.Element("mujoco", model=path.stem)
-    p, q = _pose(estimate)
+    p, q = np.zeros(3), np.array([1.0, 0, 0, 0])
+    if hasattr(estimate, "position"):  # a Body has no pose
+        p, q = estimate.position[-1], estimate.quaternion[-1]
+    mass, centre, inertia, friction = _physics(estimate)
     attributes = _box(estimate)
     if attributes is None:
         assets = xml.SubElement(root, "asset")
@@ -93,14 +96,12 @@ def _mjcf(estimate, path):
     world = xml.SubElement(root, "worldbody")
     body = xml.SubElement(world, "body", name="object", pos=_text(p), quat=_text(q))
     xml.SubElement(body, "freejoint")
-    mass, inertia = _inertia(estimate)
     full = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     xml.SubElement(
-        body, "inertial", pos=_text(_centre(estimate)), mass=repr(mass),
-        fullinertia=_text(full),
-    )  # fmt: skip
+        body, "inertial", pos=_text(centre), mass=repr(mass), fullinertia=_text(full)
+    )
     xml.SubElement(
-        body, "geom", name="object", friction=f"{_friction(estimate)!r} {ROLLING}",
+        body, "geom", name="object", friction=f"{friction!r} {ROLLING}",
         rgba="0 0.45 0.7 1", **attributes,
     )  # fmt: skip
     return root
@@ -109,9 +110,9 @@ def _mjcf(estimate, path):
 def _urdf(estimate, path):
     root = xml.Element("robot", name=path.stem)
     link = xml.SubElement(root, "link", name="object")
-    mass, inertia = _inertia(estimate)
+    mass, centre, inertia, friction = _physics(estimate)
     inertial = xml.SubElement(link, "inertial")
-    xml.SubElement(inertial, "origin", xyz=_text(_centre(estimate)), rpy="0 0 0")
+    xml.SubElement(inertial, "origin", xyz=_text(centre), rpy="0 0 0")
     xml.SubElement(inertial, "mass", value=repr(mass))
     names = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1),
              ("iyz", 1, 2), ("izz", 2, 2))  # fmt: skip
@@ -128,7 +129,7 @@ def _urdf(estimate, path):
         else:
             xml.SubElement(shape, "box", size=_text(2 * half))
     contact = xml.SubElement(link, "contact")
-    xml.SubElement(contact, "lateral_friction", value=repr(_friction(estimate)))
+    xml.SubElement(contact, "lateral_friction", value=repr(friction))
     return root
 
 
@@ -139,40 +140,23 @@ def _box(estimate) -> np.ndarray | None:
     return half if flush and len(estimate.vertices) == 8 else None
 
 
-def _pose(estimate):
-    """Return position (3,) [m] and quaternion (4,) wxyz at the last sample."""
-    if not hasattr(estimate, "position"):  # a Body has no pose
-        return np.zeros(3), np.array([1.0, 0, 0, 0])
-    return estimate.position[-1], estimate.quaternion[-1]
+def _physics(estimate) -> tuple:
+    """Return mass [kg], centre of mass (3,) [m], inertia about it, and friction.
 
-
-def _solid(estimate):
+    inertia (3, 3) [kg m^2]: of a uniform body, of a Body the identified one, about its
+    origin; friction [1] with the ground: known or estimated, else 0.
+    """
+    if hasattr(estimate, "inertia"):
+        inertia, friction = np.diag(estimate.inertia), float(estimate.friction)
+        return float(estimate.mass), np.zeros(3), inertia, friction
     import trimesh
 
-    return trimesh.convex.convex_hull(estimate.vertices)
-
-
-def _centre(estimate) -> np.ndarray:
-    """Return the centre of mass (3,) [m]: of a uniform body; of a Body, its origin."""
-    known = hasattr(estimate, "inertia")
-    return np.zeros(3) if known else _solid(estimate).center_mass
-
-
-def _inertia(estimate) -> tuple[float, np.ndarray]:
-    """Return mass [kg] and inertia (3, 3) [kg m^2] about the centre of mass."""
-    if hasattr(estimate, "inertia"):
-        return float(estimate.mass), np.diag(estimate.inertia)
-    mass, solid = float(estimate.scene.mass), _solid(estimate)
-    return mass, solid.moment_inertia * mass / solid.mass
-
-
-def _friction(estimate) -> float:
-    """Return the friction coefficient with the ground, known or estimated, else 0."""
-    if hasattr(estimate, "friction"):
-        return float(estimate.friction)
-    known = estimate.scene.friction_ground
-    found = estimate.unknowns.get(GROUND_FRICTION, 0.0)
-    return float(np.ravel(found)[0] if known is None else known)
+    solid, mass = trimesh.convex.convex_hull(estimate.vertices), estimate.scene.mass
+    inertia = solid.moment_inertia * float(mass) / solid.mass
+    friction = estimate.scene.friction_ground
+    if friction is None:
+        friction = np.ravel(estimate.unknowns.get(GROUND_FRICTION, 0.0))[0]
+    return float(mass), solid.center_mass, inertia, float(friction)
 
 
 def _text(numbers) -> str:
