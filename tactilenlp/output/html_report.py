@@ -20,12 +20,10 @@ REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
 GROUND_SPACING = 0.02  # [m] between them
 ARROW_SHARE = 0.35  # [-] largest impulse's arrow over the radius of the picture
-ANGLE, LENGTH = ("deg", np.degrees(1.0)), ("mm", MM_PER_M)
-UNITS = {"side_lengths": LENGTH, "position": LENGTH, "rotation": ANGLE}
-QUANTITY_WORDS = {
-    "side_lengths": "side",
-    "position": "position",
-    "rotation": "rotation about",
+QUANTITIES = {  # words, unit, and how many of it are one of SI
+    "side_lengths": ("side", "mm", MM_PER_M),
+    "position": ("position", "mm", MM_PER_M),
+    "rotation": ("rotation about", "deg", np.degrees(1.0)),
 }
 WORST_TOUCHES = 4  # [1] fingers in actions that the table of the fit lists
 
@@ -57,6 +55,9 @@ def _content(estimate) -> dict:
     first, *_ = estimate.summary().split("\n")
     centre, reach = _frame(estimate)
     pushes = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
+    path = None  # deviations (T, 3) [m] of the position, where they are known
+    if estimate.information.path is not None:
+        path = _plain(estimate.sigma_position, 6)
     most = max((np.linalg.norm(push, axis=1).max() for push in pushes), default=0.0)
     return {
         "title": f"Estimated {estimate.shape}",
@@ -64,7 +65,7 @@ def _content(estimate) -> dict:
         "time": _plain(data.time, 3),
         "action": data.action.tolist(),
         "position": _plain(estimate.position),
-        "position_sigma": _path_sigma(estimate),
+        "position_sigma": path,
         "quaternion": _plain(estimate.quaternion, 6),
         "vertices": _plain(estimate.vertices),
         "faces": _faces(estimate),
@@ -84,13 +85,6 @@ def _content(estimate) -> dict:
         "solve": _solve(estimate),
         "skipped": [str(skipped) for skipped in estimate.skipped],
     }
-
-
-def _path_sigma(estimate) -> list | None:
-    """Return the deviations (T, 3) [m] of the position; None where not known."""
-    if estimate.information.path is None:
-        return None
-    return _plain(estimate.sigma_position, 6)
 
 
 def _finger(estimate, f: int) -> dict:
@@ -168,10 +162,9 @@ def _sigma(estimate) -> list[list[str]]:
         where["rotation"] = np.array([0.0, 0.0, yaw_of(estimate)])
     if not {"side_lengths", "vertices"} & {*information.maps}:
         rows += [[*size] for size in named_sizes(estimate)]
-    for name in ("side_lengths", "position", "rotation"):
+    for name, (quantity, unit, factor) in QUANTITIES.items():
         if name not in information.maps:
             continue
-        unit, factor = UNITS[name]
         values = where.get(name, (None,) * 3)
         for axis, value, s in zip("xyz", values, information.sigma(name), strict=True):
             words = f"± {s * factor:.2f} {unit}" if np.isfinite(s) else "± unobserved"
@@ -179,7 +172,7 @@ def _sigma(estimate) -> list[list[str]]:
             words = "held: the axes are the world's" if s == 0.0 else words
             if name in where and (name != "rotation" or s > 0.0):
                 words = f"{value * factor:.2f} {words}"
-            rows.append([f"{QUANTITY_WORDS[name]} {axis}", words])
+            rows.append([f"{quantity} {axis}", words])
     return rows
 
 
