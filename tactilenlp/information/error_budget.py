@@ -153,7 +153,7 @@ class Response:
         Through the touches alone, or through all other terms.
         """
         derivatives = self.at.derivatives
-        through = [d for d in derivatives if (d.name == TOUCH_TERM) == by_touches]
+        through = [d for d in derivatives if (d.term.name == TOUCH_TERM) == by_touches]
         return sensitivity_to_measurements(
             through, self.at.sensed, self.by_gradient, self.by_constraint
         )

@@ -55,18 +55,14 @@ class Sensed:
 class MixedDerivatives:
     """d^2 L / dx dy and dg / dy of a term, for the measurements y that it reads.
 
-    slope (instances, unknowns, data); value (instances, rows, data); read (instances,
-    data): which data are measurements, and number: which ones.  unknowns: as of
-    the term; span: rows of the constraint among all, None of a cost.
+    slope (instances, unknowns, data); value (instances, rows, data), None of a cost;
+    number (instances, data): which measurement each datum is, -1 if none.
     """
 
-    name: str
+    term: object
     slope: np.ndarray
-    value: np.ndarray
-    read: np.ndarray
+    value: np.ndarray | None
     number: np.ndarray
-    unknowns: np.ndarray
-    span: slice | None
 
 
 def mixed_derivatives(kkt: KKTSystem, sensed, window) -> list[MixedDerivatives]:
@@ -74,15 +70,11 @@ def mixed_derivatives(kkt: KKTSystem, sensed, window) -> list[MixedDerivatives]:
     source, found = measurement_numbers(kkt, sensed, window), []
     for name, term in kkt.problem.terms.items():
         number = source[term.data]
-        read = number >= 0
-        if not read.any():
-            continue
-        columns = np.nonzero(read.any(axis=0))[0]
-        derivatives = _differences(kkt, name, columns)
-        span = term.span if name in kkt.problem.constraints else None
-        found.append(
-            MixedDerivatives(name, *derivatives, read, number, term.unknowns, span)
-        )
+        columns = np.nonzero((number >= 0).any(axis=0))[0]
+        if len(columns):
+            slope, value = _differences(kkt, name, columns)
+            value = value if name in kkt.problem.constraints else None
+            found.append(MixedDerivatives(term, slope, value, number))
     return found
 
 
@@ -97,11 +89,12 @@ def sensitivity_to_measurements(
     shape = (*sensed.data.contact.shape, 3)
     moved = np.zeros((2 * int(np.prod(shape)), by_gradient.shape[1]))
     for mixed in through:
-        change = np.einsum("ivk,ivd->idk", by_gradient[mixed.unknowns], mixed.slope)
-        if mixed.span is not None:
-            rows = by_constraint[mixed.span].reshape(*mixed.value.shape[:2], -1)
+        term, read = mixed.term, mixed.number >= 0
+        change = np.einsum("ivk,ivd->idk", by_gradient[term.unknowns], mixed.slope)
+        if mixed.value is not None:
+            rows = by_constraint[term.span].reshape(*mixed.value.shape[:2], -1)
             change += np.einsum("irk,ird->idk", rows, mixed.value)
-        np.add.at(moved, mixed.number[mixed.read], -change[mixed.read])
+        np.add.at(moved, mixed.number[read], -change[read])
     by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
     return by_position, by_normal
 
@@ -209,9 +202,8 @@ def model_error(kkt, by_position, by_normal, sensed, window, shape) -> np.ndarra
     whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
     whole = np.reshape(whole, (len(whole), k)).T
     off = gaps_of_touches(kkt, window, shape, data).max(initial=0.0)
-    apart = (
-        2 * off**2 if off > CONTRADICTION * touch else 0.0
-    )  # two that disagree share it
+    # Two that disagree share it.
+    apart = 2 * off**2 if off > CONTRADICTION * touch else 0.0
     along = along.reshape(k, -1)
     noise = gap * along @ along.T + turn * across @ across.T
     return noise + apart * whole @ whole.T
@@ -244,13 +236,11 @@ def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
         gap = gap + inside[:, 0]
     else:  # compliance that is estimated may stand for another error of the fingers
         gap = gap + np.ravel(values.get("depth", 0.0))[0]
-    keys = zip(touch.sample, touch.finger, strict=True)
-    number = {key: i for i, key in enumerate(keys)}
-    return np.array([
-        abs(np.median([gap[number[t, finger]] for t in samples]))
-        if len(samples) >= KNOWN_FACE else 0.0
-        for samples, finger in touches(window, data)
-    ])  # fmt: skip
+    off = []
+    for samples, finger in touches(window, data):
+        mine = (touch.finger == finger) & np.isin(touch.sample, samples)
+        off.append(abs(np.median(gap[mine])) if len(samples) >= KNOWN_FACE else 0.0)
+    return np.array(off)
 
 
 def residual_of_normals(kkt: KKTSystem, window, shape) -> float:
