@@ -18,7 +18,7 @@ from ..geometry.convex_hull import SIGMA_INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 from .measurement_noise import KNOWN_FACE
-from .sensitivity import parameter_sensitivity
+from .sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 
 BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
@@ -67,7 +67,12 @@ def regularisation(kkt: KKTSystem, by_gradient) -> np.ndarray:
 
 def friction_error(kkt: KKTSystem, by_gradient, by_constraint, name: str) -> np.ndarray:
     """Return the covariance (k, k) by a coefficient of friction that was given."""
-    moved = parameter_sensitivity(kkt, by_gradient, by_constraint, name)
+    ends, span = [], kkt.problem.parameters[name].span
+    for side in (1, -1):
+        data = kkt.data.copy()
+        data[span] += side * ASSUMPTION_STEP * data[span]
+        ends.append(kkt_residual(kkt.problem, kkt, data))
+    moved = difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
     return FRICTION**2 * np.outer(moved, moved)
 
 
@@ -106,9 +111,7 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
 
         K^{-1} ( sum_{a, f}  STICKING  H e e' H ) K^{-1},
 
-    zero where touches alone determine the poses.
-
-    by_gradient: see KKTSystem.sensitivity; action (T,): of every sample.
+    zero where touches alone determine the poses.  action (T,): of every sample.
     """
     push, slip = window.push, slips(kkt, window)
     own, moves = action[push.sample], []
@@ -199,8 +202,6 @@ def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
     moves the estimate by K^{-1} H e, zero where touches determine the vertices:
 
         K^{-1} H cov(e) H K^{-1}
-
-    by_gradient: see KKTSystem.sensitivity.
     """
     problem, values = kkt.problem, kkt.problem.unpack(kkt.x)
     V, (*middle, radius) = values["theta"].T, np.ravel(values[BALL])

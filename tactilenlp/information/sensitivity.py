@@ -28,20 +28,6 @@ ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 
 
-def parameter_sensitivity(kkt, by_gradient, by_constraint, name: str) -> np.ndarray:
-    """Return the derivative of the chosen unknowns (k,) by a relative change.
-
-    name: of the parameter of the problem that changes.
-    """
-    problem, ends = kkt.problem, []
-    span = problem.parameters[name].span
-    for side in (1, -1):
-        data = kkt.data.copy()
-        data[span] += side * ASSUMPTION_STEP * data[span]
-        ends.append(kkt_residual(problem, kkt, data))
-    return difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
-
-
 def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of L and the values of all constraints at the solution.
 
