@@ -78,8 +78,8 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     if beyond is not None:
         variance += _carried(beyond, R, R_wg)
         for weight, solution, other in beyond.optima:
-            there = _poses(at.shape, other, solution, window.last[poses])
-            variance += weight * _apart(at.shape, there, (p, R), R_wg) ** 2
+            there = other, solution, window.last[poses]
+            variance += weight * _apart(at.shape, *there, (p, R), R_wg) ** 2
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
@@ -155,19 +155,15 @@ def _carried(beyond: Beyond, R, R_wg) -> np.ndarray:
     return np.einsum("sik,kl,sil->si", J, beyond.covariance, J)
 
 
-def _poses(shape, window, solution, samples) -> tuple:
-    """Return positions (s, 3) and rotations (s, 3, 3) of another solution."""
+def _apart(shape, window, solution, samples, reference, R_wg) -> np.ndarray:
+    """Return by how much (s, 6) another solution is off at samples (s,), world frame.
+
+    reference: positions (s, 3) and rotations (s, 3, 3).  The body's axes are relabelled
+    so that the last rotation is the nearest.
+    """
     theta, x = solution.values["theta"].T.ravel(), solution.values["x"]
     p, R, *_ = pose_jacobians(shape, window.motion, theta, x[:, window.pose[samples]])
-    return p, R
-
-
-def _apart(shape, poses, reference, R_wg) -> np.ndarray:
-    """Return by how much (s, 6) poses are off from others, world frame.
-
-    The body's axes are relabelled so that the last rotation is the nearest.
-    """
-    (p, R), (p_0, R_0) = poses, reference
+    p_0, R_0 = reference
     _, S = relabelling(shape, R[-1], R_0[-1])
     return np.hstack([(p - p_0) @ R_wg.T, turn_between(shape, R @ S, R_0) @ R_wg.T])
 
