@@ -30,6 +30,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import block_diag
 
 from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
@@ -53,13 +54,9 @@ def gauss_newton(kkt: KKTSystem) -> KKTSystem:
 def paper(problem, solution, window, shape) -> np.ndarray:
     """Return eq:obsinfo (k, k) about theta and the last pose, page's unknowns."""
     x = solution.values["x"]
-    last = quaternion_jacobian(window.motion, x[:, -1])
-    by_last = []
-    for k in range(x.shape[1]):
-        same = np.eye(len(x))
-        turn = np.linalg.pinv(quaternion_jacobian(window.motion, x[:, k])) @ last
-        same[len(x) - len(turn) :, len(x) - len(turn) :] = turn
-        by_last.append(same)
+    turns = [quaternion_jacobian(window.motion, x_k) for x_k in x.T]
+    still = np.eye(len(x) - len(turns[-1]))
+    by_last = [block_diag(still, np.linalg.pinv(J) @ turns[-1]) for J in turns]
     return summed(problem, solution, window, shape, np.array(by_last))
 
 
@@ -119,15 +116,9 @@ def _time_step(kkt: KKTSystem, window, shape, H, s: int):
     D = sp.diags(problem.scale)
     H, A = (D @ H @ D).tocsc(), kkt.A
     A = A[np.unique(A[:, inside].nonzero()[0])]
-    K = sp.bmat(
-        [
-            [
-                H[inside][:, inside] + LEAST_CURVATURE * sp.identity(len(inside)),
-                A[:, inside].T,
-            ],
-            [A[:, inside], -LEAST_CURVATURE * sp.identity(A.shape[0])],
-        ]
-    ).toarray()
+    bend = H[inside][:, inside] + LEAST_CURVATURE * sp.identity(len(inside))
+    floor = -LEAST_CURVATURE * sp.identity(A.shape[0])
+    K = sp.bmat([[bend, A[:, inside].T], [A[:, inside], floor]]).toarray()
     outside = np.concatenate([*before, given])
     right = sp.vstack([H[inside][:, outside], A[:, outside]]).toarray()
     moved = -np.linalg.solve(K, right)[: len(now)]
