@@ -107,17 +107,15 @@ def odds_of(found, errors: dict) -> tuple[ClassOdds, ...]:
     weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
     shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
     odds = [
-        ClassOdds(e.shape, e.objective, told, float(share), _verdict(e))
+        ClassOdds(
+            e.shape, e.objective, told, float(share), e.fit.verdict if e.fit else ""
+        )
         for (told, e), share in zip(found, shares, strict=True)
     ]
     odds.sort(key=lambda one: -one.log_evidence)
     failed = {k: f"{type(error).__name__}: {error}" for k, error in errors.items()}
     odds += [ClassOdds(k, np.inf, -np.inf, 0.0, "", said) for k, said in failed.items()]
     return tuple(odds)
-
-
-def _verdict(estimate) -> str:
-    return "" if estimate.fit is None else estimate.fit.verdict
 
 
 def log_evidence(objective: float, covariance, prior) -> float:
