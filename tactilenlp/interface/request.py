@@ -87,7 +87,9 @@ def read_request(
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     if options.check_mistakes:
-        late = latency_known(scene, start)
+        late = scene.latency
+        if late is None:
+            late = getattr(start, "latency", 0.0)  # of an estimate to continue
         check_mistakes(with_fingers_earlier(data, late), scene)
     scene.check(data)
     check_touched(data)
@@ -104,11 +106,6 @@ def read_request(
     return Request(data, job, start, executor, axes), known
 
 
-def latency_known(scene: Scene, start) -> float:
-    """Return the latency [s] that scene, or an estimate to continue, tell."""
-    return getattr(start, "latency", 0.0) if scene.latency is None else scene.latency
-
-
 def asked(scene, shape, formulation, options, executor) -> tuple:
     """Return scene, shape, options and page, or raise what is wrong with them."""
     scene = Scene() if scene is None else scene
@@ -116,9 +113,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     check_types(scene=(scene, Scene), options=(options, Options))
     shape = shape_of(shape)
     page = page_of(formulation, shape)
-    check_plane(page, scene)
-    check_rolling(page, shape)
-    check_offset(page, scene)
+    check_page(page, shape, scene)
     check_executor(executor, shape)
     if shape.parameters == "vertices":
         check_round(scene)
@@ -152,28 +147,25 @@ def check_start(start, shape, scene) -> None:
         first_guess(start, shape, frame_of(scene.ground))
 
 
-def check_plane(page, scene) -> None:
-    """Raise SceneError where a page of planar motion is used without a ground."""
-    if scene.ground is None and states_planar_motion(page):
+def check_page(page, shape, scene) -> None:
+    """Raise where a page cannot explain a scene or a shape.
+
+    SceneError for planar motion without a ground, and for finger offsets that it does
+    not estimate; OptionError for planar motion of a body that rolls.
+    """
+    planar = states_planar_motion(page)
+    if planar and scene.ground is None:
         raise SceneError(
             "this page is of planar motion only", where="scene.ground", got="None",
             expected="a ground on which the object slides",
             next='use formulation="violation_implicit"',
         )  # fmt: skip
-
-
-def check_rolling(page, shape) -> None:
-    """Raise OptionError where a page of planar motion is used for a body that rolls."""
-    if shape.rolls and states_planar_motion(page):
+    if planar and shape.rolls:
         raise OptionError(
             "this page is of planar motion only", where="formulation",
             got=f"{shape.name}, which rolls", expected="a shape with a flat face",
             next='use formulation="violation_implicit" or "quasi_static"',
         )  # fmt: skip
-
-
-def check_offset(page, scene) -> None:
-    """Raise SceneError where a page cannot estimate the finger offsets of a scene."""
     if scene.sigma_offset is not None and not contract_of(page).offsets:
         raise SceneError(
             "this page takes measured finger positions as exact",
@@ -280,7 +272,10 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
         )  # fmt: skip
     if not start.hypotheses:  # the time limit ended its search
         return []
-    done = _samples_of_whole_actions(start.measurements.samples, data)
+    done = start.measurements.samples
+    last = np.flatnonzero(data.action == data.action[done - 1])
+    if last[-1] >= done:  # it ends within this action
+        done = int(last[0])
     if shape.parameters == "vertices":
         return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
@@ -289,9 +284,3 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
             expected=shape.name, next="pass its shape=; a polytope starts from all",
         )  # fmt: skip
     return [h.at(done) for h in start.hypotheses] if done else []
-
-
-def _samples_of_whole_actions(samples: int, data) -> int:
-    """Return how many of the first samples are of actions that end with them."""
-    last = np.flatnonzero(data.action == data.action[samples - 1])
-    return samples if last[-1] < samples else int(last[0])
