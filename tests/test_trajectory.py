@@ -9,7 +9,7 @@ from tactilenlp.errors import OptionError
 from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
-from tactilenlp.information.trajectory import Beyond, trajectory_variance
+from tactilenlp.information.trajectory import trajectory_variance
 from tactilenlp.nlp.kkt import kkt_system_of
 
 THETA = np.array([0.05, 0.04, 0.03])
@@ -70,24 +70,26 @@ def test_paths_of_other_optima_and_carried_errors_add_up(programme):
     far = values | {"x": values["x"] + np.array([[3e-3], [0], [0]])}
     other = type("Other", (), {"values": far})
     k = len(again.tangent.names)
-    maps = np.eye(3, k, 3), np.zeros((3, k))
-    beyond = Beyond(np.zeros((k, k)), *maps, ((0.25, other, again.window),))
+    maps = np.vstack([np.eye(3, k, 3), np.zeros((3, k))])
+
+    def with_other(solution):
+        optima, carried = ((0.25, solution, again.window),), (np.zeros((k, k)), maps)
+        return trajectory_variance(at, values, R_wg, none, carried, optima)
+
     here = type("Other", (), {"values": values})  # what is left of the best one
-    same = Beyond(np.zeros((k, k)), *maps, ((0.25, here, again.window),))
-    same = trajectory_variance(at, values, R_wg, none, same)
+    same = with_other(here)
     assert (same <= plain).all()
-    more = trajectory_variance(at, values, R_wg, none, beyond) - same
+    more = with_other(other) - same
     assert more[:, 0] == pytest.approx(0.25 * 3e-3**2)
     assert np.abs(more[:, 1:]).max() == pytest.approx(0.0, abs=1e-15)
     turned = values | {"x": values["x"] + np.array([[0], [0], [0.1 + np.pi / 2]])}
     other = type("Other", (), {"values": turned})  # the same box with other names
-    beyond = Beyond(np.zeros((k, k)), *maps, ((0.25, other, again.window),))
-    more = trajectory_variance(at, values, R_wg, none, beyond) - same
+    more = with_other(other) - same
     assert more[:, 5] == pytest.approx(0.25 * 0.1**2)
     assert np.abs(more[:, :5]).max() == pytest.approx(0.0, abs=1e-15)
     along = np.zeros((k, k))
     along[3, 3] = 1e-6  # [m^2] of the final position, along the world's x
-    more = trajectory_variance(at, values, R_wg, none, Beyond(along, *maps)) - plain
+    more = trajectory_variance(at, values, R_wg, none, (along, maps)) - plain
     yaw = values["x"][2, again.window.pose] - values["x"][2, -1]
     assert more[[0, -1], 0] == pytest.approx(1e-6 * np.cos(yaw[[0, -1]]) ** 2)
     assert more[:, :2].sum(axis=1) == pytest.approx(1e-6, rel=0.05)

@@ -17,8 +17,6 @@ and the variance is linear between.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -36,26 +34,16 @@ LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POSES = 40  # of a trajectory whose covariance is computed
 
 
-@dataclass(frozen=True, eq=False)
-class Beyond:
-    """What is known of the errors of a final pose besides its error budget.
-
-    covariance (k, k) of z, and maps (3, k) of position and rotation, as of
-    TangentSpace; optima: (weight, solution, window) of other local optima.
-    """
-
-    covariance: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
-    optima: tuple = ()
-
-
-def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
+def trajectory_variance(
+    at: Linearisation, values, R_wg, middle, carried=None, optima=()
+) -> np.ndarray:
     """Return the variances (T, 6) of position [m^2] and rotation [rad^2], world frame.
 
     values: of the unknowns, by name; R_wg (3, 3): from the ground's frame to the world;
     middle: the point of the body whose position is meant (3,), body frame, and how it
-    moves with the unknowns of the shape (3, n); beyond: None if there is no more.
+    moves with the unknowns of the shape (3, n).  carried: errors of the final pose
+    besides its error budget, if there are any: their covariance (k, k), and the maps
+    (6, k) to position and rotation; optima: (weight, solution, window) of others.
     """
     window = at.window
     poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
@@ -69,17 +57,16 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
     if free and at.tilt is not None:
         turned = at.tilt.turned(p, R_wg).reshape(-1, 2)[moving]
     budget = error_budget(at.response(chosen, jacobian[moving], turned))
-    best = 1.0 if beyond is None else 1.0 - sum(weight for weight, *_ in beyond.optima)
-    variance[moving] = best * np.diag(budget)
+    variance[moving] = (1.0 - sum(weight for weight, *_ in optima)) * np.diag(budget)
     variance = variance.reshape(-1, 6)
     if not free and at.tilt is not None:
         more = errors_of_ground(at, values, p, R_wg)
         variance += np.diagonal(more, axis1=1, axis2=2)
-    if beyond is not None:
-        variance += _carried(beyond, R, R_wg)
-        for weight, solution, other in beyond.optima:
-            there = other, solution, window.last[poses]
-            variance += weight * _apart(at.shape, *there, (p, R), R_wg) ** 2
+    if carried is not None:
+        variance += _carried(*carried, R, R_wg)
+    for weight, *other in optima:
+        apart = _apart(at.shape, *other, window.last[poses], (p, R), R_wg)
+        variance += weight * apart**2
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
@@ -88,10 +75,11 @@ def trajectory_variance(at: Linearisation, values, R_wg, middle, beyond=None):
 def deviations_of_path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
     """Return the deviations (T, 6) of the pose at every sample."""
     optima = tuple((w, optimum.solution, optimum.window) for w, optimum in others)
-    maps = tangent.maps["position"], tangent.maps["rotation"]
-    more = Beyond(beyond, *maps, optima)
+    maps = np.concatenate([tangent.maps["position"], tangent.maps["rotation"]])
     middle = np.zeros(3), np.zeros((3, at.shape.theta))
-    variance = trajectory_variance(at, solution.values, R_wg, middle, more)
+    variance = trajectory_variance(
+        at, solution.values, R_wg, middle, (beyond, maps), optima
+    )
     if at.tilt is None or at.window.motion.name == "free":
         variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
     return np.sqrt(variance)
@@ -147,15 +135,15 @@ def _stacked(problem, poses, position, rotation):
     return jacobian.reshape(6 * len(poses), -1), chosen
 
 
-def _carried(beyond: Beyond, R, R_wg) -> np.ndarray:
+def _carried(covariance, maps, R, R_wg) -> np.ndarray:
     """Return variances (s, 6) of final errors that hold in the body's frame."""
     turn = R_wg @ R @ R[-1].T @ R_wg.T  # from the final orientation, world frame
-    maps = (turn @ np.nan_to_num(J) for J in (beyond.position, beyond.rotation))
-    J = np.concatenate(list(maps), axis=1)
-    return np.einsum("sik,kl,sil->si", J, beyond.covariance, J)
+    halves = np.split(np.nan_to_num(maps), 2)
+    J = np.concatenate([turn @ half for half in halves], axis=1)
+    return np.einsum("sik,kl,sil->si", J, covariance, J)
 
 
-def _apart(shape, window, solution, samples, reference, R_wg) -> np.ndarray:
+def _apart(shape, solution, window, samples, reference, R_wg) -> np.ndarray:
     """Return by how much (s, 6) another solution is off at samples (s,), world frame.
 
     reference: positions (s, 3) and rotations (s, 3, 3).  The body's axes are relabelled
