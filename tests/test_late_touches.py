@@ -8,10 +8,7 @@ import pytest
 from tactilenlp import SolverOptions
 from tactilenlp.data.sensor_noise import LATENCY
 from tactilenlp.estimation.programme import programme_at
-from tactilenlp.information.consider_parameters import (
-    fingers_earlier,
-    motions,
-)
+from tactilenlp.information.consider_parameters import fingers_earlier
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
@@ -52,7 +49,8 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
 def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
     kkt, late = doubt
     window, problem = programme.window, programme.problem
-    v, _, ahead = motions(kkt, window, programme.sensed).T
+    at = Linearisation(kkt, programme.sensed, window, programme.shape)
+    v, _, ahead = at.motions.T
     assert not ahead.any()
     v = v[problem.variables["x"].span].reshape(-1, 3)
     x = programme.solution.values["x"]

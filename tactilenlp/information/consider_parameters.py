@@ -32,9 +32,9 @@ import numpy as np
 from formulations.names import FREE_TERM, RADIUS_OF, TOUCH_TERM
 
 from ..data.contact_segments import consecutive_contacts, rate_of
-from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, told_later
+from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
 from ..nlp.kkt import KKTSystem, gradient
-from .measurement_noise import Sensed, at_touches
+from .measurement_noise import at_touches
 
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
@@ -209,23 +209,6 @@ def fingers_earlier(window, data, lag: float):
         window, touch=earlier(window.touch, "p_wf"), free=earlier(window.free, "p_wf"),
         push=earlier(window.push, "p_wf", "p_wf_1"),
     )  # fmt: skip
-
-
-def motions(kkt: KKTSystem, window, sensed: Sensed) -> np.ndarray:
-    """Return how poses move (unknowns, 3), zero for other unknowns.
-
-    Their velocities; by how far a body may be off that was let go in motion; and how
-    far poses are moved on for which late sensors (`Precision`) have told nothing yet.
-    """
-    pose, step = kkt.problem.variables["x"], window.step
-    x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
-    v, ahead, of_all = np.zeros_like(x), np.zeros_like(x), np.zeros((len(kkt.x), 3))
-    v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
-    unknown = window.pose[told_later(sensed.data, sensed.precision.latency)]
-    ahead[unknown] = sensed.precision.latency * v[unknown]
-    ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
-    of_all[pose.span] = np.stack(ways, axis=1)
-    return of_all
 
 
 def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:

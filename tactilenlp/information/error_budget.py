@@ -31,8 +31,9 @@ from formulations.names import (
 )
 
 from ..common.deadline import NEVER, Deadline
+from ..data.sensor_noise import told_later
 from ..nlp.kkt import KKTSystem
-from .consider_parameters import Doubt, considered, motions
+from .consider_parameters import Doubt, considered
 from .error_budget_terms import (
     curvature_of_costs,
     friction_error,
@@ -81,8 +82,21 @@ class Linearisation:
 
     @cached_property
     def motions(self) -> np.ndarray:
-        """The motions (unknowns, 3) of all poses."""
-        return motions(self.kkt, self.window, self.sensed)
+        """How poses move (unknowns, 3), zero for other unknowns.
+
+        Their velocities; by how far a body may be off that was let go in motion; and
+        how far poses are moved on for which late sensors have told nothing yet.
+        """
+        kkt, window, latency = self.kkt, self.window, self.sensed.precision.latency
+        pose, step = kkt.problem.variables["x"], window.step
+        x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
+        v, ahead, of_all = np.zeros_like(x), np.zeros_like(x), np.zeros((len(kkt.x), 3))
+        v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
+        unknown = window.pose[told_later(self.sensed.data, latency)]
+        ahead[unknown] = latency * v[unknown]
+        ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
+        of_all[pose.span] = np.stack(ways, axis=1)
+        return of_all
 
     @cached_property
     def tilt(self) -> GroundTilt | None:
@@ -108,11 +122,6 @@ class Linearisation:
         if self.shape.parameters == "vertices":
             return theta.mean(axis=1)
         return pose_jacobians(self.shape, self.window.motion, theta[:, 0], x)[0][0]
-
-    def costs(self, roles) -> list[str]:
-        """Return the names of the costs with one of these roles."""
-        costs = self.kkt.problem.costs
-        return [name for name, term in costs.items() if term.role in roles]
 
     def response(self, chosen, jacobian, turned=0.0) -> Response:
         """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.
@@ -181,8 +190,11 @@ def errors_of_model(response: Response) -> Iterator[np.ndarray]:
     """Yield the covariance (k, k) by each error of priors and physics."""
     at, kkt, problem = response.at, response.at.kkt, response.at.kkt.problem
     by_gradient, by_constraint = response.by_gradient, response.by_constraint
-    yield curvature_of_costs(kkt, by_gradient, at.costs(PRIORS))
-    physics = [*at.costs(["physics"]), *problem.constraints]
+    roles = {name: term.role for name, term in problem.costs.items()}
+    priors = [name for name, role in roles.items() if role in PRIORS]
+    yield curvature_of_costs(kkt, by_gradient, priors)
+    physics = [name for name, role in roles.items() if role == "physics"]
+    physics += problem.constraints
     yield PHYSICS * curvature_of_costs(kkt, by_gradient, physics)
     yield PHYSICS * missing_impulses(kkt, by_constraint)
     yield regularisation(kkt, by_gradient)
