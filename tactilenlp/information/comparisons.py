@@ -35,6 +35,7 @@ from scipy.linalg import block_diag
 from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
+from ..nlp.term_functions import applied
 
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:
@@ -204,10 +205,9 @@ def _value(problem, name: str) -> float:
 def local_hessians(kkt: KKTSystem, name: str) -> np.ndarray:
     """Return the Hessian of every instance of a term, (instances, z, z), SI."""
     term = kkt.problem.terms[name]
-    function, x, data = term.function, kkt.x, kkt.data
+    function = term.function
     weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
-    second = function.mapped("second", term.instances)
-    upper = second(x[term.unknowns].T, data[term.data].T, weight.T)
+    (upper,) = applied(term, "second", kkt.x, kkt.data, weight.T)
     i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
     local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))
     local[:, i, j] = local[:, j, i] = np.asarray(upper).T

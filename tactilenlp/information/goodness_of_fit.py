@@ -271,11 +271,12 @@ def touch_moments(problem, data, window, smoothing: float):
     weight = weight_z[:, None] * weight_e / weight_z.sum()
     of_gap = 4 * (np.sqrt(1 + (gap[:, None] * z / 2) ** 2) - 1)
     cost = of_gap[:, :, None] + (normal**2)[:, None, None] * e
-    cost = _bounded(cost, window.outlier_cost)
+    most = window.outlier_cost  # sensing.mixture of the costs
+    cost = most - np.logaddexp(0, most - cost) + np.logaddexp(0, -most)
     mean = (cost * weight).sum(axis=(1, 2))
     variance = (cost**2 * weight).sum(axis=(1, 2)) - mean**2
     lone = lone_touches(window.touch) & (smoothing < 1)
-    return np.where(lone, window.outlier_cost, mean), np.where(lone, 1.0, variance)
+    return np.where(lone, most, mean), np.where(lone, 1.0, variance)
 
 
 def free_moments(gaps) -> tuple[np.ndarray, np.ndarray]:
@@ -289,11 +290,6 @@ def free_moments(gaps) -> tuple[np.ndarray, np.ndarray]:
     cost, weight = np.log1p(np.exp(-at)), weight / 2
     mean = cost @ weight
     return mean, cost**2 @ weight - mean**2
-
-
-def _bounded(cost, outlier):
-    """Return sensing.mixture of costs."""
-    return outlier - np.logaddexp(0, outlier - cost) + np.logaddexp(0, -outlier)
 
 
 def _misfit(cost, mean, variance) -> Misfit:

@@ -113,7 +113,13 @@ class Information:
             return self.spread
         if name == "finger_offset" and self.offsets is not None:
             return self.offsets
-        jacobian = self._map(name)
+        if name not in self.maps:
+            raise OptionError(
+                "no such quantity", where="information", got=name,
+                expected=f"one of {sorted(self.maps)}",
+                next=did_you_mean(name, self.maps),
+            )  # fmt: skip
+        jacobian = self.maps[name]
         C = jacobian @ self.spread @ jacobian.T
         if self.ground is None or name not in POSE:
             return C
@@ -186,15 +192,6 @@ class Information:
         none = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
         none |= {"matrix": matrix, "spread": spread, "parts": {}, "roles": {}}
         return replace(self, modes=alone, **none)
-
-    def _map(self, name: str) -> np.ndarray:
-        if name not in self.maps:
-            raise OptionError(
-                "no such quantity", where="information", got=name,
-                expected=f"one of {sorted(self.maps)}",
-                next=did_you_mean(name, self.maps),
-            )  # fmt: skip
-        return self.maps[name]
 
 
 def information_of(

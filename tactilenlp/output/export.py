@@ -17,7 +17,7 @@ from ..geometry.faces import face_sigma, polygons
 from .colours import information_colour
 
 MESHES = (".stl", ".obj", ".glb", ".ply")
-MODELS = {".xml": "MJCF", ".urdf": "URDF"}
+MODELS = (".xml", ".urdf")  # MJCF, URDF
 ROLLING = "0.001 0.0001"  # [m] MuJoCo's torsional and rolling friction: negligible
 
 

@@ -29,19 +29,14 @@ def summary_of(estimate) -> str:
     ]
     if estimate.information.path is not None:
         off = MM_PER_M * estimate.sigma_position.max(axis=1)
+        ends = dict.fromkeys((f"{off.min():.2f}", f"{off.max():.2f}"))
         lines.append(
-            f"Along the path the position is known to {_between(off.min(), off.max())} "
-            "mm (one standard deviation)."
+            f"Along the path the position is known to {' to '.join(ends)} mm (one "
+            "standard deviation)."
         )
     lines += remarks_of(estimate)
     lines += [f"Skipped {s}." for s in estimate.skipped]
     return "\n".join(lines)
-
-
-def _between(least: float, most: float) -> str:
-    """Return two numbers as a range in words, or one where they print alike."""
-    ends = dict.fromkeys((f"{least:.2f}", f"{most:.2f}"))
-    return " to ".join(ends)
 
 
 def article(name: str) -> str:
