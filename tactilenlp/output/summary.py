@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
@@ -53,23 +55,43 @@ def remarks_of(estimate) -> list[str]:
         lines.append(estimate.fit.text)
         if estimate.fit.verdict == "bad" and not estimate.classes:
             lines.append('The body may be of another class: shape="auto" compares.')
-    if estimate.scene.ground is not None and estimate.scene.ground.told is not None:
-        lines.append(_leaning_ground(estimate.scene.ground))
-    if estimate.latency and estimate.scene.latency is None:
-        lines.append(_latency(estimate.sensors))
-    if estimate.compliance is not None:
-        lines.append(_compliance(estimate))
-    if estimate.finger_turn is not None:
-        lines.append(_finger_turn(estimate))
-    if CENTRE in estimate.unknowns:
-        lines.append(_centre_of_mass(estimate))
-    if estimate.finger_offset is not None:
-        C = estimate.information.offsets
-        lines.append(offsets_in_words(estimate.finger_offset, C))
+    lines += nuisances_in_words(estimate)
     if open_ := estimate.information.unobserved:
         lines.append(f"Not observed: {'; '.join(open_)}.")
     lines += doubts_in_words(estimate.information.considered)
     return [*lines, *estimate.information.also]
+
+
+def nuisances_in_words(estimate) -> Iterator[str]:
+    """Yield sentences on what was estimated besides shape and pose."""
+    ground = estimate.scene.ground
+    if ground is not None and ground.told is not None:
+        x, y, z = np.degrees(ground.tilt)
+        yield (
+            "The ground leans against the one that was told, by a rotation of "
+            f"({x:.2f}, {y:.2f}, {z:.2f}) deg."
+        )
+    if estimate.latency and estimate.scene.latency is None:
+        late, error = estimate.sensors.latency, estimate.sensors.latency_error
+        yield (
+            f"Contacts and normals are {1e3 * late:.0f} ± {1e3 * error:.0f} ms later "
+            "than finger positions: poses are moved on by that time."
+        )
+    if estimate.compliance is not None:
+        yield _compliance(estimate)
+    if estimate.finger_turn is not None:
+        turns = np.degrees(np.linalg.norm(estimate.finger_turn, axis=1))
+        each = (f"finger {f} by {turn:.1f} deg" for f, turn in enumerate(turns))
+        yield f"The sensors' normals are turned: {', '.join(each)}."
+    if CENTRE in estimate.unknowns:
+        x, y, z = MM_PER_M * estimate.centre_of_mass
+        yield (
+            f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+            "in the axes of the body."
+        )
+    if estimate.finger_offset is not None:
+        C = estimate.information.offsets
+        yield offsets_in_words(estimate.finger_offset, C)
 
 
 def size_of(estimate) -> str:
@@ -186,22 +208,6 @@ def doubts_in_words(considered) -> list[str]:
     return [f"{line} Sigma allows for it." for line in lines]
 
 
-def _leaning_ground(ground) -> str:
-    x, y, z = np.degrees(ground.tilt)
-    return (
-        "The ground leans against the one that was told, by a rotation of "
-        f"({x:.2f}, {y:.2f}, {z:.2f}) deg."
-    )
-
-
-def _latency(sensors) -> str:
-    late, error = 1e3 * sensors.latency, 1e3 * sensors.latency_error
-    return (
-        f"Contacts and normals are {late:.0f} ± {error:.0f} ms later than finger "
-        "positions: poses are moved on by that time."
-    )
-
-
 def _compliance(estimate) -> str:
     weight = estimate.scene.mass * G
     depth = MM_PER_M * estimate.compliance * weight
@@ -215,18 +221,4 @@ def _compliance(estimate) -> str:
     return (
         f"{words}, more than their radius of {radius:.1f} mm, which no fingertip does: "
         "are radius, height of the ground, centres and missing positions right?"
-    )
-
-
-def _finger_turn(estimate) -> str:
-    turns = np.degrees(np.linalg.norm(estimate.finger_turn, axis=1))
-    each = (f"finger {f} by {turn:.1f} deg" for f, turn in enumerate(turns))
-    return f"The sensors' normals are turned: {', '.join(each)}."
-
-
-def _centre_of_mass(estimate) -> str:
-    x, y, z = MM_PER_M * estimate.centre_of_mass
-    return (
-        f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "
-        "in the axes of the body."
     )
