@@ -45,13 +45,13 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
     write_whole(path, xml.tostring(tree, encoding="unicode") + "\n")
 
 
-def check_format(path: Path) -> str:
-    """Return the suffix of a file to export to; OptionError for an unknown one."""
+def check_format(path: Path, known=(*MESHES, *MODELS)) -> str:
+    """Return the suffix of a file to write; OptionError unless it is a known one."""
     suffix = path.suffix.lower()
-    if suffix not in (*MESHES, *MODELS):
+    if suffix not in known:
         raise OptionError(
             "no such format", where=str(path), got=suffix or "no suffix",
-            expected=f"one of {', '.join([*MESHES, *MODELS])}",
+            expected=f"one of {', '.join(known)}",
         )  # fmt: skip
     return suffix
 

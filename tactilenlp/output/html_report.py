@@ -11,9 +11,9 @@ import numpy as np
 
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
-from ..errors import OptionError
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
+from .export import check_format
 from .summary import MM_PER_M, named_sizes, yaw_of
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
@@ -35,12 +35,7 @@ def write_report(estimate, path: str | os.PathLike) -> None:
     """
     check_types(estimate=(estimate, "Estimate"))
     check_path(path)
-    suffix = Path(path).suffix.lower()
-    if suffix not in (".html", ".htm"):
-        raise OptionError(
-            "no such format", where=str(path), got=suffix or "no suffix",
-            expected=".html",
-        )  # fmt: skip
+    check_format(Path(path), (".html", ".htm"))
     template = files("tactilenlp.output").joinpath("report.html")
     page = template.read_text(encoding="utf-8")
     content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)
