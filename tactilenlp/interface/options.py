@@ -121,12 +121,12 @@ class Guess:
         sides, place = as_floats(self.side_lengths), as_floats(self.position)
         yaw = as_number(self.yaw)
         near = place.shape in ((2,), (3,)) and (abs(place) <= FARTHEST).all()
-        for name, fit, expected in (
-            ("side_lengths", sides.ndim == 1 and (sides > 0).all(), "(3,) above 0 [m]"),
-            ("position", near, f"(2,) or (3,) [m], within {FARTHEST:.0f} m"),
-            ("yaw", abs(yaw) <= 2 * np.pi, "one number [rad], within 2 pi"),
+        long = sides.ndim == 1 and (sides > 0).all()
+        for name, array, fit, expected in (
+            ("side_lengths", sides, long, "(3,) above 0 [m]"),
+            ("position", place, near, f"(2,) or (3,) [m], within {FARTHEST:.0f} m"),
+            ("yaw", yaw, abs(yaw) <= 2 * np.pi, "one number [rad], within 2 pi"),
         ):
-            array = {"side_lengths": sides, "position": place, "yaw": yaw}[name]
             if not (fit and np.isfinite(array).all()):
                 got = shortened(getattr(self, name), most=80)
                 raise StartError(
