@@ -165,26 +165,22 @@ def slips(kkt: KKTSystem, window) -> np.ndarray:
     (pushes, 2) over the ground, in planar motion; else (pushes, 3).  Where a sample
     is missing and no impulse is found, the finger did not touch: zero.
     """
-    values, push = kkt.problem.unpack(kkt.x), window.push
-    slip = _slips(values["x"], push, window.step)
+    values, push, steps = kkt.problem.unpack(kkt.x), window.push, window.step
+    x = values["x"]
+    now, before = (x[:, k[push.step]] for k in (steps.pose, steps.before))
+    if is_planar(x):
+        arm = (push.p_wf_1[:, :2] - before[:2].T).T
+        carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
+        slip = push.p_wf[:, :2] - carried.T
+    else:
+        met = points_in_body(before, slice(None), push.p_wf_1[:, :3])
+        met = np.einsum("nij,nj->ni", matrices(now), met)
+        slip = push.p_wf[:, :3] - now[:3].T - met
     if "finger" in values and len(window.unseen):
         lam_n = values["finger"][0, window.unseen]
         loaded = lam_n > LOADED * kkt.problem.variables["finger"].scale[0]
         slip[window.unseen[~loaded]] = 0.0
     return slip
-
-
-def _slips(x, push, steps) -> np.ndarray:
-    """Return the slip of each push at poses x, as `slips` does, in contact or not."""
-    step = push.step
-    now, before = (x[:, k[step]] for k in (steps.pose, steps.before))
-    if not is_planar(x):
-        met = points_in_body(before, slice(None), push.p_wf_1[:, :3])
-        met = np.einsum("nij,nj->ni", matrices(now), met)
-        return push.p_wf[:, :3] - now[:3].T - met
-    arm = (push.p_wf_1[:, :2] - before[:2].T).T
-    carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
-    return push.p_wf[:, :2] - carried.T
 
 
 def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:

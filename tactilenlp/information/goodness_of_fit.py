@@ -180,7 +180,10 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
         touches = _by_touch(*costs, window, measurements)
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
-        terms[FREE_TERM] = _free_misfit(problem, x, data, measurements)
+        (alpha,) = data[problem.parameters["alpha"].span]
+        moments = free_moments(alpha * gaps_near_touches(measurements))
+        free = _misfit(problem.value(FREE_TERM, x, data), *moments)
+        terms[FREE_TERM] = free + Misfit(0.0, 0.0, free.expected)
     poses, total = problem.unpack(x)["x"], sum(terms.values(), start=NOTHING)
     if len(window.gap):
         terms[BETWEEN_ACTIONS] = _largest_motion(poses, window)
@@ -246,13 +249,6 @@ def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misf
     noisier = problem, data, replace(window, sigma_normal=sigma), smoothing
     common = touch_moments(*noisier)[0].sum() - misfit.expected
     return costs, misfit + Misfit(0.0, 0.0, common)
-
-
-def _free_misfit(problem, x, data, measurements) -> Misfit:
-    (alpha,) = data[problem.parameters["alpha"].span]
-    moments = free_moments(alpha * gaps_near_touches(measurements))
-    misfit = _misfit(problem.value(FREE_TERM, x, data), *moments)
-    return misfit + Misfit(0.0, 0.0, misfit.expected)
 
 
 def touch_moments(problem, data, window, smoothing: float):

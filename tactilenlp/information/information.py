@@ -1,8 +1,6 @@
 r"""Compute the information about shape and final pose, and the covariance of both.
 
-matrix   the exact information: the Hessian of the Lagrangian reduced to the null space
-         of the active constraints, past poses and impulses marginalised by a Schur
-         complement (nlp/kkt.py)
+matrix   the exact information, by the reduced Hessian of the Lagrangian (nlp/kkt.py)
 spread   the covariance that `sigma` reports: the error budget (error_budget.py) of a
          Laplace mixture of the local optima that were found (mixture.py)
 """
@@ -254,7 +252,8 @@ def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
         beyond += profile_beyond(profile @ tangent.jacobian.T, modes.covariance)
     pairs = zip(modes.weights[1:], optima[1:], strict=True)
     others = [(weight, optimum) for weight, optimum in pairs if weight]
-    solution, more = optima[0].solution, beyond + modes.of_others
+    solution = optima[0].solution
+    more = beyond + np.einsum("m,mij->ij", modes.weights[1:], modes.covariances[1:])
     path = deviations_of_path(at, tangent, solution, R_wg, more, others)
     covariance = modes.covariance + beyond
     return bounded_pose(covariance, at.shape.theta, tangent.turning), path

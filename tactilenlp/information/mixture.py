@@ -75,11 +75,6 @@ class Modes:
         second = np.einsum("mi,mj->mij", self.offsets, self.offsets)
         return np.einsum("m,mij->ij", self.weights, self.covariances + second)
 
-    @property
-    def of_others(self) -> np.ndarray:
-        """What the covariances (k, k) of all modes but the best add to it."""
-        return np.einsum("m,mij->ij", self.weights[1:], self.covariances[1:])
-
 
 @dataclass(frozen=True)
 class ClassOdds:

@@ -92,7 +92,10 @@ def with_doubts(fit, skipped):
 def _solved_fields(solved) -> dict:
     """Return the fields of an estimate that are those of the solve."""
     problem, solution = solved.problem, solved.solution
-    exact = exact_violations(problem, solution)
+    # Of constraints that a solve smooths, the violations without smoothing.
+    x, data = solution.at(problem)
+    smoothed = [name for name in problem.reports if name.endswith(EXACT)]
+    exact = {n: max(0.0, problem.value(n, x, data).max().item()) for n in smoothed}
     return {name: getattr(solution, name) for name in SOLVED} | {
         "theta": solution.values["theta"].T.ravel(),
         "unknowns": solution.values,
@@ -186,13 +189,6 @@ def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
     p = np.stack([*level, np.full(x.shape[1], middle[2])], axis=1)
     turn = Rotation.from_rotvec(np.outer(x[2], scene.ground.normal))
     return scene.ground.from_ground(p), turn
-
-
-def exact_violations(problem, solution) -> dict[str, float]:
-    """Return the violations of constraints that a solve smooths, without smoothing."""
-    x, data = solution.at(problem)
-    names = [name for name in problem.reports if name.endswith(EXACT)]
-    return {n: max(0.0, float(problem.value(n, x, data).max())) for n in names}
 
 
 def impulses(solved, data, scene) -> dict[str, np.ndarray]:
