@@ -59,14 +59,14 @@ def programme(estimate):
 
 
 def test_paths_of_other_optima_and_carried_errors_add_up(programme):
-    again, R_wg = programme, np.eye(3)
+    again = programme
     at = Linearisation(
         kkt_system_of(again.problem, again.solution), again.sensed, again.window,
         again.shape,
     )  # fmt: skip
     none = np.zeros(3), np.zeros((3, 3))
     values = again.solution.values
-    plain = trajectory_variance(at, values, R_wg, none)
+    plain = trajectory_variance(at, none)
     far = values | {"x": values["x"] + np.array([[3e-3], [0], [0]])}
     other = type("Other", (), {"values": far})
     k = len(again.tangent.names)
@@ -74,7 +74,7 @@ def test_paths_of_other_optima_and_carried_errors_add_up(programme):
 
     def with_other(solution):
         optima, carried = ((0.25, solution, again.window),), (np.zeros((k, k)), maps)
-        return trajectory_variance(at, values, R_wg, none, carried, optima)
+        return trajectory_variance(at, none, carried, optima)
 
     here = type("Other", (), {"values": values})  # what is left of the best one
     same = with_other(here)
@@ -89,7 +89,7 @@ def test_paths_of_other_optima_and_carried_errors_add_up(programme):
     assert np.abs(more[:, :5]).max() == pytest.approx(0.0, abs=1e-15)
     along = np.zeros((k, k))
     along[3, 3] = 1e-6  # [m^2] of the final position, along the world's x
-    more = trajectory_variance(at, values, R_wg, none, (along, maps)) - plain
+    more = trajectory_variance(at, none, (along, maps)) - plain
     yaw = values["x"][2, again.window.pose] - values["x"][2, -1]
     assert more[[0, -1], 0] == pytest.approx(1e-6 * np.cos(yaw[[0, -1]]) ** 2)
     assert more[:, :2].sum(axis=1) == pytest.approx(1e-6, rel=0.05)

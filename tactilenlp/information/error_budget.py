@@ -31,6 +31,7 @@ from formulations.names import (
 )
 
 from ..common.deadline import NEVER, Deadline
+from ..data.ground import frame_of
 from ..data.sensor_noise import told_later
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import Doubt, considered
@@ -114,11 +115,20 @@ class Linearisation:
         given = self.kkt, sensed.build, self.window, sensed.data, scene, about
         return ground_tilt(*given)
 
+    @cached_property
+    def values(self) -> dict[str, np.ndarray]:
+        """The unknowns by name, as in a Solution."""
+        return self.kkt.problem.unpack(self.kkt.x)
+
+    @property
+    def R_wg(self) -> np.ndarray:
+        """The rotation (3, 3) from the ground's frame, of the problem, to the world."""
+        return frame_of(self.sensed.scene.ground).rotation.T
+
     @property
     def end(self) -> np.ndarray:
         """The body's middle (3,) [m] at the last sample, ground frame."""
-        values = self.kkt.problem.unpack(self.kkt.x)
-        theta, x = values["theta"], values["x"][:, -1:]
+        theta, x = self.values["theta"], self.values["x"][:, -1:]
         if self.shape.parameters == "vertices":
             return theta.mean(axis=1)
         return pose_jacobians(self.shape, self.window.motion, theta[:, 0], x)[0][0]

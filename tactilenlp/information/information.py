@@ -13,7 +13,6 @@ from typing import ClassVar
 import numpy as np
 
 from ..common.brief import printed
-from ..common.deadline import NEVER, Deadline
 from ..common.layout import ANY
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
@@ -193,35 +192,28 @@ class Information:
 
 
 def information_of(
-    problem, solution, window, shape, faces, R_wg, sensed, others=(), profile=None,
-    deadline: Deadline = NEVER,
-) -> Information:  # fmt: skip
+    at: Linearisation, solution, faces, others=(), profile=None
+) -> Information:
     """Return the information about theta and the last pose of a solved problem.
 
-    faces: (axes, 2) number of samples that touched each face; R_wg (3, 3): from the
-    ground's frame, in which the problem is written, to the world; sensed: the
-    measurements; others: LocalOptima of the same data; profile (k, k), of the unknowns:
-    see profile_likelihood.py.
+    faces: (axes, 2) number of samples that touched each face; others: LocalOptima of
+    the same data; profile (k, k), of the unknowns: see profile_likelihood.py.
     """
-    kkt = kkt_system_of(problem, solution, deadline)
-    deadline.check()
-    tangent = tangent_space_of(problem, solution, window, shape, R_wg)
-    at = Linearisation(kkt, sensed, window, shape, deadline)
-    turned, ground = turned_with_ground(at, tangent, solution, R_wg)
+    window, shape = at.window, at.shape
+    tangent = tangent_space_of(at.kkt.problem, solution, window, shape, at.R_wg)
+    turned, ground = turned_with_ground(at, tangent)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
     C = response.hessian
     errors, objective = error_budget(response), solution.objective
     best = LocalOptimum(tangent.z, tangent.R, objective, C, solution, window)
     optima = distinct_modes(shape, tangent.turning, [best, *others])
     modes = laplace_mixture(shape, tangent.turning, optima, errors)
-    covariance, path = _covariance_with_path(
-        modes, optima, at, tangent, faces, R_wg, profile
-    )
+    covariance, path = _covariance_with_path(modes, optima, at, tangent, faces, profile)
     words, directions = open_directions(tangent, covariance, shape, faces)
     return at_solution(
         at, response, tangent, inverse(C), spread=covariance, modes=modes,
-        unobserved=words, directions=directions, indefinite=_indefinite(kkt),
-        path=path, ground=ground, **fields_of_offsets(at, tangent, R_wg),
+        unobserved=words, directions=directions, indefinite=_indefinite(at.kkt),
+        path=path, ground=ground, **fields_of_offsets(at, tangent),
     )  # fmt: skip
 
 
@@ -243,7 +235,7 @@ def at_solution(at, response, tangent, matrix, **told) -> Information:
     )  # fmt: skip
 
 
-def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
+def _covariance_with_path(modes, optima, at, tangent, faces, profile):
     """Return the covariance (k, k) and sigma of the path."""
     noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
     # What the mixture leaves out.
@@ -252,9 +244,8 @@ def _covariance_with_path(modes, optima, at, tangent, faces, R_wg, profile):
         beyond += profile_beyond(profile @ tangent.jacobian.T, modes.covariance)
     pairs = zip(modes.weights[1:], optima[1:], strict=True)
     others = [(weight, optimum) for weight, optimum in pairs if weight]
-    solution = optima[0].solution
     more = beyond + np.einsum("m,mij->ij", modes.weights[1:], modes.covariances[1:])
-    path = deviations_of_path(at, tangent, solution, R_wg, more, others)
+    path = deviations_of_path(at, tangent, more, others)
     covariance = modes.covariance + beyond
     return bounded_pose(covariance, at.shape.theta, tangent.turning), path
 

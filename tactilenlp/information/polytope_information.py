@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
-from ..nlp.kkt import kkt_system_of
 from .error_budget import Linearisation, error_budget
 from .information import Information, at_solution
 from .mixture import one_mode
@@ -26,28 +24,22 @@ FACE_TILT = 0.05  # [rad] as exact as touched faces come out
 MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 
 
-def polytope_information(
-    problem, solution, window, shape, faces, R_wg, sensed, deadline: Deadline = NEVER
-) -> Information:
+def polytope_information(at: Linearisation, solution, faces) -> Information:
     """Return the information about the vertices at the last sample, world frame.
 
-    faces: touches of each polygon of the hull; R_wg (3, 3): ground's frame to world;
-    sensed: the measurements, from whose noise the error budget starts.
+    faces: touches of each polygon of the hull.
     """
-    kkt = kkt_system_of(problem, solution, deadline)
-    tangent = tangent_space_of_hull(problem, solution, R_wg)
-    at = Linearisation(kkt, sensed, window, shape, deadline)
-    deadline.check()
+    tangent = tangent_space_of_hull(at.kkt.problem, solution, at.R_wg)
     V, turned = solution.values["theta"].T, 0.0
     if at.tilt is not None:
-        turned = at.tilt.turned(V, R_wg)[:, :3].reshape(-1, 2)
+        turned = at.tilt.turned(V)[:, :3].reshape(-1, 2)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
-    deadline.check()
+    at.deadline.check()
     floor = LEAST_DEVIATION**2 * np.eye(V.size)
     indefinite = np.linalg.eigvalsh(response.hessian)[0] < -(LEAST_DEVIATION**2)
     C, errors = (M + floor for M in (response.hessian, error_budget(response)))
     middle = centroid(V), _slope_of_centroid(V)
-    path = trajectory_variance(at, solution.values, R_wg, middle)
+    path = trajectory_variance(at, middle)
     missing = int(np.count_nonzero(faces == 0))
     words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
     return at_solution(

@@ -51,12 +51,14 @@ class GroundTilt:
     """What is known of the rotations r (2,) [rad] of the ground from where it is taken.
 
     slope (unknowns, 2): derivative of the gradient by r; about (3,) [m]: the point of
-    the ground that stays, ground frame; mean (2,), information (2, 2) of r by touches
-    and prior; level: odds that there is no rotation at all, 0 once one was estimated.
+    the ground that stays, ground frame; R_wg (3, 3): from there to the world; mean
+    (2,), information (2, 2) of r by touches and prior; level: odds that there is no
+    rotation at all, 0 once one was estimated.
     """
 
     slope: np.ndarray
     about: np.ndarray
+    R_wg: np.ndarray
     mean: np.ndarray
     information: np.ndarray
     level: float
@@ -81,13 +83,12 @@ class GroundTilt:
         moves = turned - by_gradient.T @ self.slope
         return moves @ self.squared @ moves.T
 
-    def turned(self, points, R_wg) -> np.ndarray:
+    def turned(self, points) -> np.ndarray:
         """Return how poses at points (n, 3) [m] of the ground's frame turn with it.
 
-        (n, 6, 2), positions [m/rad] and rotations, world frame; R_wg (3, 3): from the
-        ground to the world.
+        (n, 6, 2), positions [m/rad] and rotations, world frame.
         """
-        arm, axes = (points - self.about) @ R_wg.T, R_wg[:, :2]
+        arm, axes = (points - self.about) @ self.R_wg.T, self.R_wg[:, :2]
         moved = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
         turns = np.broadcast_to(axes, moved.shape)
         return np.concatenate([moved, turns], axis=1)
@@ -124,4 +125,4 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
     if ground.told is None:
         share = np.sqrt(np.linalg.det(information)) / prior
         level = share * np.exp(-mean @ information @ mean / 2)
-    return GroundTilt(slope, about, mean, information, float(level))
+    return GroundTilt(slope, about, ground.rotation.T, mean, information, float(level))

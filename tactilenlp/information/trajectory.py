@@ -34,18 +34,15 @@ LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POSES = 40  # of a trajectory whose covariance is computed
 
 
-def trajectory_variance(
-    at: Linearisation, values, R_wg, middle, carried=None, optima=()
-) -> np.ndarray:
+def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     """Return the variances (T, 6) of position [m^2] and rotation [rad^2], world frame.
 
-    values: of the unknowns, by name; R_wg (3, 3): from the ground's frame to the world;
     middle: the point of the body whose position is meant (3,), body frame, and how it
     moves with the unknowns of the shape (3, n).  carried: errors of the final pose
     besides its error budget, if there are any: their covariance (k, k), and the maps
     (6, k) to position and rotation; optima: (weight, solution, window) of others.
     """
-    window = at.window
+    window, values, R_wg = at.window, at.values, at.R_wg
     poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
     theta, x = values["theta"].T.ravel(), values["x"][:, poses]
     p, R, J_p, J_R = pose_jacobians(at.shape, window.motion, theta, x)
@@ -55,12 +52,12 @@ def trajectory_variance(
     moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)
     variance = np.zeros(6 * len(poses))
     if free and at.tilt is not None:
-        turned = at.tilt.turned(p, R_wg).reshape(-1, 2)[moving]
+        turned = at.tilt.turned(p).reshape(-1, 2)[moving]
     budget = error_budget(at.response(chosen, jacobian[moving], turned))
     variance[moving] = (1.0 - sum(weight for weight, *_ in optima)) * np.diag(budget)
     variance = variance.reshape(-1, 6)
     if not free and at.tilt is not None:
-        more = errors_of_ground(at, values, p, R_wg)
+        more = errors_of_ground(at, p)
         variance += np.diagonal(more, axis1=1, axis2=2)
     if carried is not None:
         variance += _carried(*carried, R, R_wg)
@@ -72,20 +69,18 @@ def trajectory_variance(
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
 
 
-def deviations_of_path(at, tangent, solution, R_wg, beyond, others) -> np.ndarray:
+def deviations_of_path(at, tangent, beyond, others) -> np.ndarray:
     """Return the deviations (T, 6) of the pose at every sample."""
     optima = tuple((w, optimum.solution, optimum.window) for w, optimum in others)
     maps = np.concatenate([tangent.maps["position"], tangent.maps["rotation"]])
     middle = np.zeros(3), np.zeros((3, at.shape.theta))
-    variance = trajectory_variance(
-        at, solution.values, R_wg, middle, (beyond, maps), optima
-    )
+    variance = trajectory_variance(at, middle, (beyond, maps), optima)
     if at.tilt is None or at.window.motion.name == "free":
         variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
     return np.sqrt(variance)
 
 
-def turned_with_ground(at: Linearisation, tangent, solution, R_wg) -> tuple:
+def turned_with_ground(at: Linearisation, tangent) -> tuple:
     """Return how the coordinates z (k, 2) turn with the ground, and Information.ground.
 
     In planar motion z is in the ground's frame: there the latter adds what turns.
@@ -94,20 +89,20 @@ def turned_with_ground(at: Linearisation, tangent, solution, R_wg) -> tuple:
         return 0.0, None
     p = at.end[None]
     if at.window.motion.name != "free":
-        return 0.0, errors_of_ground(at, solution.values, p, R_wg)[0]
-    turned = at.tilt.turned(p, R_wg)[0]
+        return 0.0, errors_of_ground(at, p)[0]
+    turned = at.tilt.turned(p)[0]
     return np.vstack([np.zeros((len(tangent.z) - 6, 2)), turned]), None
 
 
-def errors_of_ground(at: Linearisation, values, points, R_wg) -> np.ndarray:
+def errors_of_ground(at: Linearisation, points) -> np.ndarray:
     """Return covariances (n, 6, 6) of poses in planar motion, world frame.
 
     By the tilt of the ground's frame, and by corners that stand UNEVEN off its plane.
     points (n, 3) [m]: where the poses are, ground frame.
     """
-    turned = at.tilt.turned(points, R_wg)
+    turned, R_wg = at.tilt.turned(points), at.R_wg
     C = turned @ at.tilt.squared @ turned.swapaxes(1, 2)
-    legs = at.window.supports(at.shape, values["theta"].T.ravel())
+    legs = at.window.supports(at.shape, at.values["theta"].T.ravel())
     arm = np.maximum(np.sum(legs[:, :2] ** 2) / 2, LEAST_ARM**2)
     rocks = (UNEVEN * REST) ** 2 / arm * R_wg[:, :2] @ R_wg[:, :2].T
     C[:, 3:, 3:] += rocks
@@ -190,7 +185,7 @@ def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     return (R_wg @ values[OFFSET]).T if OFFSET in values else None
 
 
-def fields_of_offsets(at: Linearisation, tangent, R_wg) -> dict:
+def fields_of_offsets(at: Linearisation, tangent) -> dict:
     """Return the fields of an Information that tell of offsets; none if they are known.
 
     The covariance of the offsets, finger by finger, (3 F, 3 F) [m^2] by the error
@@ -201,7 +196,7 @@ def fields_of_offsets(at: Linearisation, tangent, R_wg) -> dict:
     if OFFSET not in variables:
         return {}
     own = np.arange(variables[OFFSET].span.start, variables[OFFSET].span.stop)
-    turn = np.kron(np.eye(len(own) // 3), R_wg)
+    turn = np.kron(np.eye(len(own) // 3), at.R_wg)
     chosen = np.r_[tangent.chosen, own]
     C = at.kkt.sensitivity(chosen)[0][chosen]
     jacobian, k = np.eye(len(chosen)), len(tangent.chosen)

@@ -18,6 +18,7 @@ from ..data.sensor_noise import in_time, variance_left
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
+from ..information.error_budget import Linearisation
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
@@ -30,6 +31,7 @@ from ..information.polytope_information import (
 )
 from ..information.tangent_space import tangent_space_of, widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
+from ..nlp.kkt import kkt_system_of
 from ..problem.pages import name_of
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
@@ -157,21 +159,23 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
 
     faces: how many samples touched each; modes: other local optima of the same page.
     """
-    of_hull, shape = job.shape.parameters == "vertices", job.shape
-    R_wg = frame_of(job.scene.ground).rotation.T
+    shape, solution = job.shape, solved.solution
+    of_hull = shape.parameters == "vertices"
     if of_hull:  # as solved
         shape = with_supports(shape, solved.hypothesis.theta.reshape(-1, 3))
     build = replace(job, shape=shape).build
     sensed = Sensed(job.data, job.precision, build, job.scene)
-    given = solved.problem, solved.solution, solved.window, shape, faces, R_wg, sensed
     try:
+        kkt = kkt_system_of(solved.problem, solution, job.deadline)
+        job.deadline.check()
+        at = Linearisation(kkt, sensed, solved.window, shape, job.deadline)
         if of_hull:
-            return polytope_information(*given, job.deadline)
+            return polytope_information(at, solution, faces)
         optima = [mode.optimum for mode in modes]
-        return information_of(*given, optima, solved.profile, job.deadline)
+        return information_of(at, solution, faces, optima, solved.profile)
     except OutOfTime:
         job.deadline.omit("standard deviations")
-        return prior_information(job, solved, R_wg)
+        return prior_information(job, solved)
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
@@ -231,12 +235,12 @@ def by_sample(values, rows, samples: int) -> np.ndarray:
     return out
 
 
-def prior_information(job, solved, R_wg) -> Information:
+def prior_information(job, solved) -> Information:
     """Return the information by the prior alone about what was solved, world frame.
 
     Where the time limit came before it was computed: nothing is claimed that was not.
-    R_wg (3, 3): from the ground's frame, in which the problem is written.
     """
+    R_wg = frame_of(job.scene.ground).rotation.T
     problem, solution, shape = solved.problem, solved.solution, job.shape
     of_hull = shape.parameters == "vertices"
     if of_hull:
