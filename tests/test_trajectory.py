@@ -1,5 +1,7 @@
 """Deviations of the pose at every sample: by differences, by hand, by the truth."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -73,7 +75,8 @@ def test_paths_of_other_optima_and_carried_errors_add_up(programme):
     maps = np.vstack([np.eye(3, k, 3), np.zeros((3, k))])
 
     def with_other(solution):
-        optima, carried = ((0.25, solution, again.window),), (np.zeros((k, k)), maps)
+        optimum = SimpleNamespace(solution=solution, window=again.window)
+        optima, carried = [(0.25, optimum)], (np.zeros((k, k)), maps)
         return trajectory_variance(at, none, carried, optima)
 
     here = type("Other", (), {"values": values})  # what is left of the best one

@@ -142,9 +142,9 @@ class Linearisation:
             part @ jacobian.T for part in self.kkt.sensitivity(chosen)
         )
         C = jacobian @ by_gradient[chosen]
-        moving = (jacobian @ self.motions[chosen]).T
+        motions = (jacobian @ self.motions[chosen]).T
         hessian = (C + C.T) / 2
-        return Response(self, by_gradient, by_constraint, hessian, turned, *moving)
+        return Response(self, by_gradient, by_constraint, hessian, turned, motions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +153,7 @@ class Response:
 
     by_gradient (unknowns, k), by_constraint (rows, k): see KKTSystem.sensitivity;
     hessian (k, k): the covariance by the Hessian alone; turned: see
-    Linearisation.response; moving, let_go, ahead (k,): as the columns of
-    Linearisation.motions
+    Linearisation.response; motions (3, k): see Linearisation.motions.
     """
 
     at: Linearisation
@@ -162,9 +161,7 @@ class Response:
     by_constraint: np.ndarray
     hessian: np.ndarray
     turned: np.ndarray | float
-    moving: np.ndarray
-    let_go: np.ndarray
-    ahead: np.ndarray
+    motions: np.ndarray
 
     def moved(self, by_touches: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return how they move with positions and normals, (k, T, F, 3) each.
@@ -188,7 +185,7 @@ def errors_of_sensing(response: Response) -> Iterator[np.ndarray]:
         yield model_error(at.kkt, *touched, at.sensed, at.window, at.shape)
     for name in ("rounded edges", "late normals", "late touches"):
         if name in doubts:
-            moved = response.moving if name == "late touches" else 0.0
+            moved = response.motions[0] if name == "late touches" else 0.0
             yield doubts[name].covariance(by_gradient, moved)
     if radii := [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]:
         yield sum(doubt.covariance(by_gradient) for doubt in radii)

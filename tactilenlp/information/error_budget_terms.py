@@ -128,7 +128,7 @@ def unseen_motion(response) -> np.ndarray:
     the body may have moved by what a solve leaves out; after the last touch by let_go,
     since fingers that squeeze a body make it jump; ahead of late sensors, by AHEAD.
     """
-    let_go, ahead = (np.outer(k, k) for k in (response.let_go, response.ahead))
+    let_go, ahead = (np.outer(k, k) for k in response.motions[1:])
     total, window = MOVED_ON * let_go + AHEAD**2 * ahead, response.at.window
     if len(window.unseen):
         kkt, step = response.at.kkt, window.step

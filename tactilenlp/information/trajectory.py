@@ -40,7 +40,7 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     middle: the point of the body whose position is meant (3,), body frame, and how it
     moves with the unknowns of the shape (3, n).  carried: errors of the final pose
     besides its error budget, if there are any: their covariance (k, k), and the maps
-    (6, k) to position and rotation; optima: (weight, solution, window) of others.
+    (6, k) to position and rotation; optima: weight and LocalOptimum of others.
     """
     window, values, R_wg = at.window, at.values, at.R_wg
     poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
@@ -54,24 +54,23 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     if free and at.tilt is not None:
         turned = at.tilt.turned(p).reshape(-1, 2)[moving]
     budget = error_budget(at.response(chosen, jacobian[moving], turned))
-    variance[moving] = (1.0 - sum(weight for weight, *_ in optima)) * np.diag(budget)
+    variance[moving] = (1.0 - sum(weight for weight, _ in optima)) * np.diag(budget)
     variance = variance.reshape(-1, 6)
     if not free and at.tilt is not None:
         more = errors_of_ground(at, p)
         variance += np.diagonal(more, axis1=1, axis2=2)
     if carried is not None:
         variance += _carried(*carried, R, R_wg)
-    for weight, *other in optima:
-        apart = _apart(at.shape, *other, window.last[poses], (p, R), R_wg)
+    for weight, optimum in optima:
+        apart = _apart(at.shape, optimum, window.last[poses], (p, R), R_wg)
         variance += weight * apart**2
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
 
 
-def deviations_of_path(at, tangent, beyond, others) -> np.ndarray:
+def deviations_of_path(at, tangent, beyond, optima) -> np.ndarray:
     """Return the deviations (T, 6) of the pose at every sample."""
-    optima = tuple((w, optimum.solution, optimum.window) for w, optimum in others)
     maps = np.concatenate([tangent.maps["position"], tangent.maps["rotation"]])
     middle = np.zeros(3), np.zeros((3, at.shape.theta))
     variance = trajectory_variance(at, middle, (beyond, maps), optima)
@@ -138,14 +137,15 @@ def _carried(covariance, maps, R, R_wg) -> np.ndarray:
     return np.einsum("sik,kl,sil->si", J, covariance, J)
 
 
-def _apart(shape, solution, window, samples, reference, R_wg) -> np.ndarray:
-    """Return by how much (s, 6) another solution is off at samples (s,), world frame.
+def _apart(shape, optimum, samples, reference, R_wg) -> np.ndarray:
+    """Return by how much (s, 6) another optimum is off at samples (s,), world frame.
 
     reference: positions (s, 3) and rotations (s, 3, 3).  The body's axes are relabelled
     so that the last rotation is the nearest.
     """
-    theta, x = solution.values["theta"].T.ravel(), solution.values["x"]
-    p, R, *_ = pose_jacobians(shape, window.motion, theta, x[:, window.pose[samples]])
+    values, window = optimum.solution.values, optimum.window
+    theta, x = values["theta"].T.ravel(), values["x"][:, window.pose[samples]]
+    p, R, *_ = pose_jacobians(shape, window.motion, theta, x)
     p_0, R_0 = reference
     _, S = relabelling(shape, R[-1], R_0[-1])
     return np.hstack([(p - p_0) @ R_wg.T, turn_between(shape, R @ S, R_0) @ R_wg.T])
@@ -199,8 +199,7 @@ def fields_of_offsets(at: Linearisation, tangent) -> dict:
     turn = np.kron(np.eye(len(own) // 3), at.R_wg)
     chosen = np.r_[tangent.chosen, own]
     C = at.kkt.sensitivity(chosen)[0][chosen]
-    jacobian, k = np.eye(len(chosen)), len(tangent.chosen)
-    jacobian[:k, :k] = tangent.jacobian
+    jacobian = block_diag(tangent.jacobian, np.eye(len(own)))
     C = jacobian @ C @ jacobian.T
     told = error_budget(at.response(own, turn))
     return {"offsets": told, "with_offsets": inverse((C + C.T) / 2)}
