@@ -144,11 +144,9 @@ def test_a_root_is_differentiated_by_the_implicit_function_theorem(interpreted):
         for noting in (noting_roots, nullcontext)
     ]
     assert derived[0] is not derived[1]
-    z, d = ca.DM([0.3, 0.7]), ca.DM(1.3)
-    for which, given in (("first", (z, d)), ("second", (z, d, ca.DM(2.0)))):
-        noted, whole = (
-            ca.vertcat(*one.mapped(which, 1).call(given)).full() for one in derived
-        )
+    z, d = np.array([[0.3], [0.7]]), np.array([[1.3]])
+    for which, given in (("first", (z, d)), ("second", (z, d, np.array([[2.0]])))):
+        noted, whole = (np.vstack(one.evaluated(which, *given)) for one in derived)
         assert np.allclose(noted, whole, rtol=1e-12), which
     sizes = [one.part("second").n_instructions() for one in derived]
     assert sizes[0] < sizes[1] / 3
@@ -165,8 +163,8 @@ def test_a_root_that_is_read_twice_is_one(interpreted):
 
     found = fit(Problem(noting=noting_roots), "a", twice)
     assert found.roots == 1
-    value, _ = found.mapped("first", 1)([0.2, 1.0], [3.0])
-    assert float(value) == pytest.approx((3 * np.cos(0.2)) ** 2 + 1)
+    value, _ = found.evaluated("first", np.array([[0.2], [1.0]]), np.array([[3.0]]))
+    assert value[0, 0] == pytest.approx((3 * np.cos(0.2)) ** 2 + 1)
 
 
 def test_roots_of_one_solver_and_of_several(interpreted):
@@ -181,10 +179,10 @@ def test_roots_of_one_solver_and_of_several(interpreted):
 
         return term
 
-    z = ca.DM([[1, 2, 3], [0, 0, 0]])
+    z = np.array([[1, 2, 3], [0, 0, 0]])
     for second, factor in ((same, 1), (double, 2)):
         found = fit(Problem(noting=noting_roots), "a", both(same, second))
-        value, slopes = found.mapped("first", 3)(z, ca.DM([[4, 5, 6]]))
+        value, slopes = found.evaluated("first", z, np.array([[4, 5, 6]]))
         assert found.roots == 2
-        assert value.full().ravel().tolist() == [4 * factor, 20 * factor, 54 * factor]
-        assert slopes.full().ravel().tolist() == [8 * factor, 20 * factor, 36 * factor]
+        assert value.ravel().tolist() == [4 * factor, 20 * factor, 54 * factor]
+        assert slopes.ravel().tolist() == [8 * factor, 20 * factor, 36 * factor]

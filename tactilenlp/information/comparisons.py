@@ -207,10 +207,10 @@ def local_hessians(kkt: KKTSystem, name: str) -> np.ndarray:
     term = kkt.problem.terms[name]
     function = term.function
     weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
-    (upper,) = applied(term, "second", kkt.x, kkt.data, weight.T)
+    (upper,) = term.evaluated("second", kkt.x, kkt.data, weight.T)
     i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
     local = np.zeros((term.instances, term.unknowns.shape[1], term.unknowns.shape[1]))
-    local[:, i, j] = local[:, j, i] = np.asarray(upper).T
+    local[:, i, j] = local[:, j, i] = upper.T
     return local
 
 

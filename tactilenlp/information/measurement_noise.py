@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -124,7 +125,7 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     """
     problem = kkt.problem
     term = problem.terms[name]
-    function, first = term.function, term.function.mapped("first", term.instances)
+    function, first = term.function, partial(term.function.evaluated, "first")
     rows, places = (np.array(i, int) for i in function.jacobian_sparsity.get_triplet())
     weight = kkt.multipliers.get(name, np.ones((term.instances, function.rows)))
     z, d = kkt.x[term.unknowns].T, kkt.data[term.data].T
@@ -133,8 +134,7 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     for j in columns:
         step = np.zeros_like(d)
         step[j] = DATUM_STEP * np.maximum(np.abs(d[j]), LEAST_DATUM)
-        ends = [[np.asarray(o) for o in first(z, d + side * step)] for side in (1, -1)]
-        (v, s), (v_1, s_1) = ends
+        (v, s), (v_1, s_1) = (first(z, d + side * step) for side in (1, -1))
         bend = (s - s_1) / (2 * step[j]) * weight.T[rows]
         np.add.at(slope[:, :, j].T, places, bend)
         value[:, :, j] = ((v - v_1) / (2 * step[j])).T

@@ -66,17 +66,16 @@ def _differences(function, z, d, weight, scale, width):
 
 def _scaled(function, z, d, weight, scale, second=True):
     """Return value (r, k), Jacobian (r, n, k), weighted Hessian (n, n, k), scaled."""
-    count = z.shape[1]
-    value, nonzeros = function.mapped("first", count)(z, d)
+    value, nonzeros = function.evaluated("first", z, d)
     i, j = (np.array(p, int) for p in function.jacobian_sparsity.get_triplet())
     jacobian = np.zeros((function.rows, *z.shape))
-    jacobian[i, j] = np.asarray(nonzeros) * scale[j]
+    jacobian[i, j] = nonzeros * scale[j]
     hessian = np.zeros((len(z), *z.shape))
     if second:
         i, j = (np.array(p, int) for p in function.hessian_sparsity.get_triplet())
-        upper = np.asarray(function.mapped("second", count)(z, d, weight))
+        upper = function.evaluated("second", z, d, weight)[0]
         hessian[i, j] = hessian[j, i] = upper * scale[i] * scale[j]
-    return np.asarray(value), jacobian, hessian
+    return value, jacobian, hessian
 
 
 def assembled_error(problem: Problem, x, data, rng) -> float:

@@ -31,7 +31,6 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ..common.deadline import NEVER, Deadline
-from .term_functions import applied
 
 LEAST_LENGTH = 1e-12  # [-] of a row of A that is divided by its length
 LEAST_CURVATURE = 1e-9  # [1 / scaled unknown^2] l, far below that of measured unknowns
@@ -53,7 +52,7 @@ def gradient(problem, x, data, names, weights=NO_WEIGHTS) -> np.ndarray:
     for name in names:
         term = problem.terms[name]
         rows, columns = term.jacobian_places
-        slopes = np.asarray(applied(term, "first", x, data)[1]).T.ravel()
+        slopes = term.evaluated("first", x, data)[1].T.ravel()
         weight = np.broadcast_to(np.ravel(weights.get(name, 1.0)), term.rows)
         g += np.bincount(columns, slopes * weight[rows], problem.size)
     return g

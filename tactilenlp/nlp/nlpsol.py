@@ -70,9 +70,9 @@ class Eliminated:
         for name, rows in self.rounds:
             term = self.problem.constraints[name]
             z, d = x[term.unknowns[rows]], data[term.data[rows]]
-            residual = term.function.mapped("first", len(rows))(z.T, d.T)[0]
+            residual = term.function.evaluated("first", z.T, d.T)[0].T
             given = self.problem.given[name][rows]
-            x[given] += np.asarray(residual).T * scale[given]
+            x[given] += residual * scale[given]
         return x
 
     def multipliers(self, x, data, lam_g) -> np.ndarray:

@@ -28,7 +28,6 @@ from .assembly import Assembly
 from .nlpsol import Eliminated, whole
 from .term_functions import (
     TermFunctionCache,
-    applied,
     default_cache,
     term_function_named,
     traced,
@@ -186,13 +185,12 @@ class Problem:
     def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Evaluate one term at every instance, (instances, rows)."""
         term = self.terms.get(name) or self.reports[name]
-        out = np.asarray(applied(term, "first", x, data)[0])
-        return out.T.reshape(term.instances, term.function.rows)
+        return term.evaluated("first", x, data)[0].T
 
     def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
         """Return the Jacobian of one term, (instances * rows, unknowns), SI units."""
         term = self.terms[name]
-        nonzeros = np.asarray(applied(term, "first", x, data)[1])
+        _, nonzeros = term.evaluated("first", x, data)
         shape = (term.rows, self.size)
         return sp.csc_matrix((nonzeros.T.ravel(), term.jacobian_places), shape)
 
@@ -204,9 +202,9 @@ class Problem:
         shape = (term.instances, term.function.rows)
         whole = np.reshape(multiplier, shape) if np.ndim(multiplier) else multiplier
         weight = np.broadcast_to(whole, shape)
-        nonzeros = applied(term, "second", x, data, weight.T)[0]
+        (nonzeros,) = term.evaluated("second", x, data, weight.T)
         rows, columns, factor = term.hessian_places
-        values, off = np.asarray(nonzeros).T.ravel() * factor, rows != columns
+        values, off = nonzeros.T.ravel() * factor, rows != columns
         i, j = np.r_[rows, columns[off]], np.r_[columns, rows[off]]
         return sp.csc_matrix((np.r_[values, values[off]], (i, j)), (self.size,) * 2)
 

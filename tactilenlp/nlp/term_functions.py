@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import casadi as ca
+import numpy as np
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
@@ -39,7 +40,7 @@ class TermFunction:
     `arguments` (z, d) -> a, of which `solver` makes the roots u; `first` (z, d, u) ->
     value (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
     triangle of the Hessian of l' value.  Compiled, each may take several instances at
-    once, as columns: see `repeated`.  rows, unknowns, data, roots, arguments: lengths
+    once, as columns: see `of_columns`.  rows, unknowns, data, roots, arguments: lengths
     of value, z, d, u, a; equations: how many roots u are; made, solver: return the
     functions, waiting for compilers that still run.
     """
@@ -54,30 +55,23 @@ class TermFunction:
     solver: Callable[[], ca.Function] | None = None
     jacobian_sparsity: ca.Sparsity | None = None
     hessian_sparsity: ca.Sparsity | None = None
-    _mapped: dict = field(default_factory=dict, init=False, repr=False)
 
     def part(self, name: str) -> ca.Function:
         """Return one of the functions, by its name in PARTS."""
         return self.made()[PARTS.index(name)]
 
-    def mapped(self, name: str, instances: int) -> ca.Function:
-        """Return a part on `instances` columns, with its roots.
+    def evaluated(self, name: str, z, d, *weights) -> list[np.ndarray]:
+        """Return what a part returns for several instances, columns of all arrays.
 
-        (z, d), of `second` (z, d, l), to what the part returns.
+        z (unknowns, k), d (data, k); weights: of `second` the multipliers (rows, k).
         """
-        if (name, instances) not in self._mapped:
-            sizes = self.unknowns, self.data, *[self.rows] * (name == "second")
-            z, d, *more = (ca.MX.sym("a", n, instances) for n in sizes)
-            u = ca.MX(0, instances)
-            if self.solver:
-                a = repeated(self.part("arguments"), instances)(z, d)
-                calls = self.equations * instances
-                a = ca.reshape(a, self.arguments // self.equations, calls)
-                u = repeated(self.solver(), calls)(a)
-                u = ca.reshape(u, self.roots, instances)
-            found = repeated(self.part(name), instances).call([z, d, u, *more])
-            self._mapped[name, instances] = ca.Function(name, [z, d, *more], found)
-        return self._mapped[name, instances]
+        u = np.zeros((0, z.shape[1]))
+        if self.solver:
+            (a,) = of_columns(self.part("arguments"), z, d)
+            each = self.arguments // self.equations
+            (u,) = of_columns(self.solver(), a.reshape((each, -1), order="F"))
+            u = u.reshape((self.roots, -1), order="F")
+        return of_columns(self.part(name), z, d, u, *weights)
 
 
 @dataclass
@@ -198,23 +192,16 @@ def term_function_named(name: str, trace, function, sizes, order) -> TermFunctio
         ) from error  # fmt: skip
 
 
-def repeated(function: ca.Function, instances: int) -> ca.Function:
-    """Return `function` applied to `instances` columns.
+def of_columns(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
+    """Return what a function, of one column or several at once, returns for columns.
 
-    A function of several columns at once is given the last one again until they are.
+    One of several is given the last column again until its calls are full.
     """
-    width = function.size2_in(0)
-    calls = -(-instances // width)
-    many, missing = function.map(calls), calls * width - instances
-    if not missing:
-        return many
-    given = [
-        ca.MX.sym(function.name_in(k), function.size1_in(k), instances)
-        for k in range(function.n_in())
-    ]
-    filled = [ca.horzcat(one, ca.repmat(one[:, -1], 1, missing)) for one in given]
-    found = [one[:, :instances] for one in many.call(filled)]
-    return ca.Function(function.name(), given, found)
+    width, columns = function.size2_in(0), given[0].shape[1]
+    calls = -(-columns // width)
+    filled = np.minimum(np.arange(calls * width), columns - 1)
+    found = function.map(calls).call([array[:, filled] for array in given])
+    return [np.asarray(array)[:, :columns] for array in found]
 
 
 def padded(instances: int) -> int:
@@ -237,12 +224,6 @@ def between_slices(function: ca.Function, instances: int, given, found) -> tuple
         if size := function.size1_out(k) * width * calls:
             buffer.set_res(k, memoryview(array[:size]))
     return evaluate, buffer
-
-
-def applied(term, name: str, x, data, *weights) -> list:
-    """Return what a part of a term returns, each with a column for every instance."""
-    function = term.function.mapped(name, term.instances)
-    return function.call([x[term.unknowns].T, data[term.data].T, *weights])
 
 
 def _origin(key: str) -> str:

@@ -140,6 +140,11 @@ class Term:
         """The rows of this constraint in the vector of all constraints."""
         return slice(self.first_row, self.first_row + self.rows)
 
+    def evaluated(self, part: str, x, data, *weights) -> list[np.ndarray]:
+        """Return what a part of the function returns, a column for every instance."""
+        given = x[self.unknowns].T, data[self.data].T, *weights
+        return self.function.evaluated(part, *given)
+
     @cached_property
     def jacobian_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Return row and column of every local Jacobian nonzero, by instance."""
