@@ -33,12 +33,20 @@ def squeezed(*body, **about):
     return world
 
 
+def _replace_the_default_cache(patch):
+    """Make a cache that compiles nothing the default one, and return it."""
+    from tactilenlp.nlp import term_functions
+
+    patch.setattr(term_functions, "_default", term_functions.TermFunctionCache())
+    patch.setattr(term_functions, "begun", lambda functions, *_: lambda: functions)
+    return term_functions.default_cache()
+
+
 @pytest.fixture(scope="module")
 def not_compiled():
     """Compile no term function for a few terms that is not compiled already."""
-    from tactilenlp.nlp.term_functions import TermFunctionCache
-
-    with TermFunctionCache(compile=False).as_default():
+    with pytest.MonkeyPatch.context() as patch:
+        _replace_the_default_cache(patch)
         yield
 
 
@@ -123,12 +131,10 @@ def truth(recorded, touched):
 
 
 @pytest.fixture
-def interpreted():
+def interpreted(monkeypatch):
     """Derive every term function anew, evaluated by the virtual machine: its cache."""
-    from tactilenlp.nlp.term_functions import TermFunctionCache
-
-    with TermFunctionCache(read=False, compile=False).as_default() as cache:
-        yield cache
+    monkeypatch.setattr("tactilenlp.nlp.term_functions.kept", lambda *_: None)
+    return _replace_the_default_cache(monkeypatch)
 
 
 @pytest.fixture(scope="module")

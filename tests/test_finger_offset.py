@@ -22,7 +22,6 @@ from tactilenlp.exploration.expected_information import ExpectedInformation
 from tactilenlp.exploration.push_model import push_function
 from tactilenlp.information.comparisons import information_gain
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions, reduce
 
@@ -74,8 +73,7 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
 ):
     data, scene, _ = recorded
     scene = replace(scene, sigma_offset=SIGMA)
-    with TermFunctionCache(compile=False).as_default():  # compiling takes longer
-        problem, _ = programme(data.select([1]), scene, page, planar=planar)
+    problem, _ = programme(data.select([1]), scene, page, planar=planar)
     rng = np.random.default_rng(0)
     start = {
         name: v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)

@@ -15,7 +15,6 @@ from tactilenlp.errors import SceneError
 from tactilenlp.exploration.action_space import Workspace
 from tactilenlp.exploration.expected_information import ExpectedInformation
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions, reduce
 
@@ -89,8 +88,7 @@ def programme(data, scene, page):
 @pytest.mark.parametrize("page", [quasi_static, violation_implicit])
 def test_derivatives_are_those_of_finite_differences(recorded, joints, page):
     data, scene, _ = recorded
-    with TermFunctionCache(compile=False).as_default():  # compiling takes longer
-        problem = programme(data.select([1]), replace(scene, sigma_offset=joints), page)
+    problem = programme(data.select([1]), replace(scene, sigma_offset=joints), page)
     rng = np.random.default_rng(0)
     start = {
         name: v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)

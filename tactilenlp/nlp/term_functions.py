@@ -12,10 +12,10 @@ from __future__ import annotations
 import hashlib
 import inspect
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
@@ -79,17 +79,14 @@ class TermFunctionCache:
     """Keep the term functions that were derived, by expression; mutable.
 
     The caller owns a cache and passes it as `Problem(cache=...)`; without one, problems
-    use the default of the process (`default_cache`).  read, compile: whether libraries
-    that were compiled earlier are loaded, and new ones compiled; else CasADi's virtual
-    machine evaluates the same expressions.  derive: False for a problem whose terms are
-    evaluated, but that is not solved.  functions, solvers: by serialised expression;
-    derived: how many were differentiated; seconds [s]: what that took.
+    use the default of the process (`default_cache`).  derive: False for a problem whose
+    terms are evaluated, but that is not solved.  functions, solvers: by serialised
+    expression; derived: how many were not compiled earlier; seconds [s]: what it took
+    to differentiate these.
 
     A cache stays in its process: unpickled elsewhere it is the default cache there.
     """
 
-    read: bool = True
-    compile: bool = True
     derive: bool = True
     functions: dict[str, TermFunction] = field(default_factory=dict)
     solvers: dict[str, Callable] = field(default_factory=dict)
@@ -121,44 +118,30 @@ class TermFunctionCache:
         of_roots = _digest(solver) if solver else ""
         key = "".join([*(part.serialize() for part in term), of_roots])
         if key not in self.functions:
-            found = kept(PARTS, _origin(key)) if self.read else None
-            made = (lambda: found) if found else None
-            if found is None:
-                found, made = self._derived(term, key, deadline)
+            derived = partial(derivatives, *term)
+            parts, made = self._made(PARTS, key, derived, deadline)
             solve = self._solver(solver, of_roots, deadline) if solver else None
-            self.functions[key] = _term_function(found, made, solver, solve)
+            self.functions[key] = _term_function(parts, made, solver, solve)
         return self.functions[key]
 
     def _solver(self, solver: ca.Function, key: str, deadline: Deadline) -> Callable:
         """Return what returns a solver, compiled once for all terms if possible."""
         if key not in self.solvers:
-            names, origin = [solver.name()], _origin(key)
-            found = kept(names, origin) if self.read else None
-            made = (lambda: found) if found else (lambda: [solver])
-            if found is None and self.compile:
-                made = begun([solver], origin, deadline, True)
+            _, made = self._made([solver.name()], key, lambda: [solver], deadline)
             self.solvers[key] = lambda: made()[0]
         return self.solvers[key]
 
-    def _derived(self, term, key: str, deadline: Deadline) -> tuple:
-        """Return the functions of a term, and what returns them compiled."""
+    def _made(self, names, key: str, derive: Callable, deadline: Deadline) -> tuple:
+        """Return functions, and what returns them compiled: earlier ones, if kept."""
+        origin = _derivation_rule() + key
+        if found := kept(names, origin):
+            return found, lambda: found
         began = time.perf_counter()
-        functions = derivatives(*term)
-        given = functions, _origin(key), deadline, True
-        made = begun(*given) if self.compile else (lambda: functions)
+        functions = derive()
+        made = begun(functions, origin, deadline, True)
         self.derived += 1
         self.seconds += time.perf_counter() - began
         return functions, made
-
-    @contextmanager
-    def as_default(self) -> Iterator[TermFunctionCache]:
-        """Make this the default cache of the process within a block."""
-        global _default
-        before, _default = _default, self
-        try:
-            yield self
-        finally:
-            _default = before
 
 
 _default = TermFunctionCache()
@@ -226,13 +209,9 @@ def between_slices(function: ca.Function, instances: int, given, found) -> tuple
     return evaluate, buffer
 
 
-def _origin(key: str) -> str:
-    """Return what compiled derivatives follow from: expression and derivation rule."""
-    return _derivation_rule() + key
-
-
 @cache
 def _derivation_rule() -> str:
+    """Return what derivatives follow from, beside the expression of a term."""
     return inspect.getsource(derivatives)
 
 
