@@ -59,6 +59,10 @@ class Assembly:
             self._found = float(sums[0]), sums[1 : 1 + n], g, sums[1 + n :]
         return self._found
 
+    def value(self, x, p) -> tuple:
+        """Return f and g (rows,)."""
+        return self.evaluated(x, p)[::2]
+
     def values(self, x, p) -> dict[str, np.ndarray]:
         """Return the value of every term at every instance, (instances, rows)."""
         self.evaluated(x, p)

@@ -1,6 +1,6 @@
 r"""Programmes as `casadi.nlpsol` takes them: whole, or in their free unknowns.
 
-`whole` is the programme of all unknowns.  Of `Eliminated`, the others follow from the
+The whole one is an `Assembly`.  Of `Eliminated`, the other unknowns follow from the
 free ones, step after step: a constraint made by `Problem.follow`, y = F(x, y before it,
 d), gives some columns of the unknowns.  Split all unknowns into free ones u and given
 ones y(u).  With the whole programme's f, g and the residuals D(u, y) of what is
@@ -24,23 +24,11 @@ from scipy.sparse.linalg import splu
 from ..errors import PageError
 
 
-def whole(problem) -> dict:
-    """Return the programme in all unknowns, scaled, as `nlpsol_functions`."""
-    of = problem.assembly
-    return nlpsol_functions(
-        problem.data().size, of.jacobian, of.hessian,
-        value=lambda *at: of.evaluated(*at)[::2],
-        grad_f=lambda *at: of.evaluated(*at)[:2],
-        jac_g=lambda *at: of.evaluated(*at)[2:],
-        hess_lag=lambda x, p, f, g: (of.second(x, p, f[0], g),),
-    )  # fmt: skip
-
-
 class Eliminated:
-    """What a solver needs of a problem in its free unknowns.
+    """A problem in its free unknowns u, scaled; to be evaluated as an Assembly is.
 
     free, given: indices into the vector of all unknowns; kept: rows of the constraints
-    that remain; functions: as Problem.functions, in the free unknowns, scaled.
+    that remain; jacobian, hessian: patterns; functions: as Problem.functions.
     """
 
     def __init__(self, problem):
@@ -59,7 +47,10 @@ class Eliminated:
         self.free = np.setdiff1d(np.arange(problem.size), self.given)
         self.rounds = self._rounds()
         self._at = None
-        self.functions = self._functions()
+        n = len(self.free)
+        self.jacobian = ca.Sparsity.dense(len(self.kept), n)
+        self.hessian = ca.Sparsity.upper(n)
+        self.functions = nlpsol_functions(self, problem.data().size)
 
     def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Return all unknowns: those that are given computed from those that are free.
@@ -77,15 +68,31 @@ class Eliminated:
 
     def multipliers(self, x, data, lam_g) -> np.ndarray:
         """Return the multipliers of all constraints, given those that are kept."""
-        at = self._look(x[self.free] / self.problem.scale[self.free], data)
-        lam = np.zeros(self.problem.rows)
-        lam[self.kept] = lam_g
-        return self._adjoint(at, 1.0, lam)
+        at = self._slopes(x[self.free] / self.problem.scale[self.free], data)
+        return self._adjoint(at, 1.0, lam_g)
 
     def lagrangian(self, u, data, lam_g: np.ndarray) -> tuple:
-        """Return the gradient of f + lam_g' g by u, scaled, and g, of what is kept."""
-        at = self._slopes(self._look(u, data))
+        """Return the gradient of f + lam_g' g by u, and g, of what is kept."""
+        at = self._slopes(u, data)
         return at["Z"].T @ (at["grad"] + at["rest"].T @ lam_g), at["g"]
+
+    def value(self, u, data) -> tuple:
+        """Return f and g, of what is kept."""
+        at = self._look(u, data)
+        return at["f"], at["g"]
+
+    def evaluated(self, u, data) -> tuple:
+        """Return f, its gradient, g and the nonzeros of its Jacobian, by u."""
+        at = self._slopes(u, data)
+        return at["f"], at["Z"].T @ at["grad"], at["g"], at["J"].ravel("F")
+
+    def second(self, u, data, lam_f: float, lam_g: np.ndarray) -> np.ndarray:
+        """Return the nonzeros of the Hessian of lam_f f + lam_g' g by u."""
+        at = self._slopes(u, data)
+        lam, Z = self._adjoint(at, lam_f, lam_g), at["Z"]
+        given = at["x"] / self.problem.scale, data, lam_f, lam
+        H = Z.T @ (self.problem.assembly.curvature(*given) @ Z)
+        return H.T[np.tril_indices(len(u))]  # symmetric: columns of its upper part
 
     def _rounds(self) -> list[tuple[str, np.ndarray]]:
         """Return (constraint, instances) in an order in which each can be computed."""
@@ -113,7 +120,7 @@ class Eliminated:
 
     # -- derivatives ------------------------------------------------------------------
     def _look(self, u, data) -> dict:
-        """Return value, gradient, Jacobian and sensitivities at u (scaled), cached."""
+        """Return x, f, its gradient by x and g at u, cached."""
         key = u.tobytes() + data.tobytes()
         if self._at is not None and self._at["key"] == key:
             return self._at
@@ -122,83 +129,56 @@ class Eliminated:
         x[self.free] = u * scale[self.free]
         x = self.complete(x, data)
         f, gradient, g, _ = problem.assembly.evaluated(x / scale, data)
-        at = {"key": key, "x": x, "data": data, "f": f, "g": g[self.kept]}
-        at["grad"] = gradient
-        self._at = at
-        return at
+        self._at = {"key": key, "x": x, "f": f, "g": g[self.kept], "grad": gradient}
+        return self._at
 
-    def _slopes(self, at) -> dict:
-        """Add the Jacobian and how the given unknowns follow, in scaled unknowns."""
+    def _slopes(self, u, data) -> dict:
+        """Return that with the Jacobian and how the given unknowns follow, scaled."""
+        at = self._look(u, data)
         if "Z" in at:
             return at
         problem = self.problem
-        J = problem.assembly.slopes(at["x"] / problem.scale, at["data"])
+        J = problem.assembly.slopes(at["x"] / problem.scale, data)
         at["rest"], D = J[self.kept], J[self.followed].tocsc()
         at["factor"] = splu(D[:, self.given].tocsc())
         Z = np.zeros((problem.size, len(self.free)))
         Z[self.free, np.arange(len(self.free))] = 1.0
         Z[self.given] = -at["factor"].solve(D[:, self.free].toarray())
-        at["Z"] = Z
+        at["Z"], at["J"] = Z, at["rest"] @ Z
         return at
 
-    def _adjoint(self, at, weight, lam) -> np.ndarray:
-        """Return the multipliers `lam` with those of what is followed filled in."""
-        at = self._slopes(at)
-        pull = weight * at["grad"] + at["rest"].T @ lam[self.kept]
-        lam = lam.copy()
+    def _adjoint(self, at, lam_f, lam_g) -> np.ndarray:
+        """Return the multipliers of what is kept, and those of what is followed."""
+        pull = lam_f * at["grad"] + at["rest"].T @ lam_g
+        lam = np.zeros(self.problem.rows)
+        lam[self.kept] = lam_g
         lam[self.followed] = -at["factor"].solve(pull[self.given], "T")
         return lam
 
-    def _hessian(self, at, weight, lam_g) -> np.ndarray:
-        problem, lam = self.problem, np.zeros(self.problem.rows)
-        lam[self.kept] = lam_g
-        lam = self._adjoint(at, weight, lam)
-        given = at["x"] / problem.scale, at["data"], weight, lam
-        return at["Z"].T @ (problem.assembly.curvature(*given) @ at["Z"])
 
-    # -- for the solver ---------------------------------------------------------------
-    def _functions(self) -> dict:
-        n, m = len(self.free), len(self.kept)
-        patterns = ca.Sparsity.dense(m, n), ca.Sparsity.upper(n)
-
-        def value(u, p):
-            at = self._look(u, p)
-            return at["f"], at["g"]
-
-        def grad_f(u, p):
-            at = self._slopes(self._look(u, p))
-            return at["f"], at["Z"].T @ at["grad"]
-
-        def jac_g(u, p):
-            at = self._slopes(self._look(u, p))
-            return at["g"], (at["rest"] @ at["Z"]).ravel("F")
-
-        def hess_lag(u, p, lam_f, lam_g):
-            H = self._hessian(self._look(u, p), float(lam_f[0]), lam_g)
-            return (H.T[np.tril_indices(n)],)  # symmetric: columns of its upper part
-
-        return nlpsol_functions(
-            self.problem.data().size, *patterns,
-            value=value, grad_f=grad_f, jac_g=jac_g, hess_lag=hess_lag,
-        )  # fmt: skip
-
-
-def nlpsol_functions(
-    data: int, jacobian, hessian, *, value, grad_f, jac_g, hess_lag
-) -> dict:
+def nlpsol_functions(programme, data: int) -> dict:
     """Return `nlp` (expressions) and the derivatives, functions, of casadi.nlpsol.
 
-    data: how many numbers p are given; jacobian (rows, n), hessian (n, n): patterns;
-    value (x, p) -> f, g; grad_f (x, p) -> f, gradient; jac_g (x, p) -> g, nonzeros;
-    hess_lag (x, p, lam_f, lam_g) -> nonzeros.
+    programme: an Assembly or an Eliminated; data: how many numbers p it is given.
     """
-    sizes = hessian.size1(), data, jacobian.size1(), 1
+    patterns = programme.jacobian, programme.hessian
+    sizes = patterns[1].size1(), data, patterns[0].size1(), 1
     x, p, g, one = map(ca.Sparsity.dense, sizes)
+
+    def grad_f(x, p):
+        return programme.evaluated(x, p)[:2]
+
+    def jac_g(x, p):
+        return programme.evaluated(x, p)[2:]
+
+    def hess_lag(x, p, lam_f, lam_g):
+        return (programme.second(x, p, float(lam_f[0]), lam_g),)
+
     functions = {
-        "value": ArrayFunction("value", value, (x, p), (one, g)),
+        "value": ArrayFunction("value", programme.value, (x, p), (one, g)),
         "grad_f": ArrayFunction("grad_f", grad_f, (x, p), (one, x)),
-        "jac_g": ArrayFunction("jac_g", jac_g, (x, p), (g, jacobian)),
-        "hess_lag": ArrayFunction("hess_lag", hess_lag, (x, p, one, g), (hessian,)),
+        "jac_g": ArrayFunction("jac_g", jac_g, (x, p), (g, patterns[0])),
+        "hess_lag": ArrayFunction("hess_lag", hess_lag, (x, p, one, g), patterns[1:]),
     }
     x, p = ca.MX.sym("x", x), ca.MX.sym("p", p)
     f, g = functions["value"](x, p)

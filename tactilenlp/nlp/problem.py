@@ -25,7 +25,7 @@ from ..common.named import Named
 from ..common.validation import numbers_of
 from ..errors import PageError, did_you_mean
 from .assembly import Assembly
-from .nlpsol import Eliminated, whole
+from .nlpsol import Eliminated, nlpsol_functions
 from .term_functions import (
     TermFunctionCache,
     default_cache,
@@ -231,7 +231,7 @@ class Problem:
     @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return whole(self)
+        return nlpsol_functions(self.assembly, self._data_size)
 
     @cached_property
     def eliminated(self) -> Eliminated:
