@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 
 from .terms import Term
@@ -80,29 +79,20 @@ def _scaled(function, z, d, weight, scale, second=True):
 
 def assembled_error(problem: Problem, x, data, rng) -> float:
     """Return the relative error of the assembled derivatives along one direction."""
-    f = problem.functions
-    x, lam = x / problem.scale, rng.normal(size=problem.rows)
-    way = rng.normal(size=x.size)
-    (_, grad), (_, jac) = f["grad_f"](x, data), f["jac_g"](x, data)
-    upper = f["hess_lag"](x, data, 1.0, lam)
+    of, x = problem.assembly, x / problem.scale
+    lam, way = rng.normal(size=problem.rows), rng.normal(size=x.size)
+    (_, grad, *_), J = of.evaluated(x, data), of.slopes(x, data)
+    exact = grad @ way, J @ way, of.curvature(x, data, 1.0, lam) @ way
     ends = []
     for y in (x + DIFFERENCE_STEP * way, x - DIFFERENCE_STEP * way):
-        (cost, slope), (g, J) = f["grad_f"](y, data), f["jac_g"](y, data)
-        ends.append((cost, g, slope + ca.mtimes(J.T, lam)))
-    exact = (
-        ca.dot(grad, way),
-        ca.mtimes(jac, way),
-        ca.mtimes(upper + ca.triu(upper, False).T, way),
-    )
+        cost, g = of.value(y, data)
+        ends.append((cost, g, of.lagrangian(y, data, lam)[0]))
     worst = 0.0
     for plus, minus, product in zip(*ends, exact, strict=True):
-        plus, minus, product = (np.asarray(a).ravel() for a in (plus, minus, product))
         size = np.abs(product).max(initial=0.0)
         size += ROUNDING_SHARE * np.abs(plus).max(initial=0.0)
-        error = np.abs((plus - minus) / (2 * DIFFERENCE_STEP) - product).max(
-            initial=0.0
-        )
-        worst = max(worst, _worst(error, size))
+        off = np.abs((plus - minus) / (2 * DIFFERENCE_STEP) - product)
+        worst = max(worst, _worst(off.max(initial=0.0), size))
     return worst
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.linalg import qr
 
 from .derivative_check import (
@@ -21,7 +20,6 @@ from .derivative_check import (
     derivative_errors,
     not_finite,
 )
-from .kkt import gradient
 from .terms import Term
 
 if TYPE_CHECKING:
@@ -157,19 +155,15 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
             both = [derivative_errors(problem, term, p, data, rng) for p in (at, x)]
             errors[name] = tuple(map(max, *both))
         assembled = assembled_error(problem, x, data, rng)
-    scale = sp.diags(problem.scale)
-    J = [problem.jacobian(name, x, data) @ scale for name in problem.constraints]
-    g, c = gradient(problem, x, data, problem.costs), np.zeros(problem.size)
-    for name in problem.costs:
-        c += problem.hessian(name, x, data).diagonal()
-    g, c = np.abs(g) * problem.scale, np.abs(c) * problem.scale**2
-    variables = problem.variables.values()
-    lengths = [np.sqrt(np.asarray(j.multiply(j).sum(axis=1)).ravel()) for j in J]
+    at, variables = (x / problem.scale, data), problem.variables.values()
+    g, J = np.abs(problem.assembly.evaluated(*at)[1]), problem.assembly.slopes(*at)
+    c = problem.assembly.curvature(*at, 1.0, np.zeros(problem.rows)).diagonal()
+    c, lengths = np.abs(c), np.sqrt(J.multiply(J).sum(axis=1).A1)
     rank, equalities, equality_rank, dependent = _rank(problem, J)
     found = {
         "gradient": {v.name: _span(g[v.span]) for v in variables},
         "curvature": {v.name: _span(c[v.span]) for v in variables},
-        "slope": dict(zip(problem.constraints, map(_span, lengths), strict=True)),
+        "slope": {n: _span(lengths[t.span]) for n, t in problem.constraints.items()},
         "unused": (*_unused_variables(problem), *_unused_parameters(problem)),
     }
     mend = [*not_finite(problem, guess, data, "the guess"), *_wrong(errors, assembled)]
@@ -212,9 +206,8 @@ def _wrong(errors, assembled):
 def _bad_scales(problem, found, J):
     """Yield a sentence for each variable or constraint with slopes far from one."""
     for name, v in problem.variables.items():
-        slopes = [np.sqrt(found["curvature"][name][1])]
-        slopes += [abs(j[:, v.span]).max() for j in J if v.columns]
-        largest = np.nanmax([0.0, *slopes])
+        bend = np.sqrt(found["curvature"][name][1])
+        largest = np.nanmax([0.0, bend, *np.abs(J[:, v.span].data)])
         if largest and not 1 / BAD_SCALE <= largest <= BAD_SCALE:
             yield (
                 f"{name} is badly scaled: one scale ({v.scale[0]:.3g} {v.unit}, ...) "
@@ -242,7 +235,7 @@ def _rank(problem, J):
     """Return rank of all rows, number and rank of equalities, sentences on these."""
     names = [n for n, t in problem.constraints.items() for _ in range(t.rows)]
     free = problem.bounds("lower") < problem.bounds("upper")
-    J = sp.vstack([sp.csr_matrix((0, problem.size)), *J], format="csr")[:, free]
+    J = J[:, free]
     equal = np.nonzero(problem.limits("lower") == problem.limits("upper"))[0]
     if np.prod(J.shape) > LARGEST_DENSE:
         return None, len(equal), None, ()

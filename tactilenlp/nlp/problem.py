@@ -25,6 +25,7 @@ from ..common.named import Named
 from ..common.validation import numbers_of
 from ..errors import PageError, did_you_mean
 from .assembly import Assembly
+from .diagnostics import Report, check, describe
 from .nlpsol import Eliminated, nlpsol_functions
 from .term_functions import (
     TermFunctionCache,
@@ -211,14 +212,10 @@ class Problem:
     # -- for who writes a page --------------------------------------------------------
     def describe(self) -> str:
         """Return sizes, units and terms in words."""
-        from .diagnostics import describe
-
         return describe(self)
 
-    def check(self, start: dict | None = None, seed: int = 0):
-        """Return a diagnostics.Report: derivatives, scaling, rank, unused unknowns."""
-        from .diagnostics import check
-
+    def check(self, start: dict | None = None, seed: int = 0) -> Report:
+        """Examine derivatives, scaling, rank and unused unknowns."""
         return check(self, start, seed)
 
     # -- symbols for the solver -------------------------------------------------------
