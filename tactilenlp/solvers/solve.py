@@ -97,10 +97,8 @@ def solve(
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
     if solver is None:
-        options, shared = options or SolverOptions(), {}
-        _prepared(problem, options, eliminate, shared)
-        given = _in_time(options), eliminate, warm is not None, shared
-        solver = make_solver(problem, *given)
+        given = options or SolverOptions(), eliminate, warm is not None
+        solver = _kept_solver(problem, *given, {})
     built = time.process_time() - began
     values = (warm.values if warm else start) or {}
     x, lower, upper = _start(problem, values, fixed)
@@ -119,10 +117,17 @@ def solve(
     return solution
 
 
-def _in_time(options: SolverOptions) -> SolverOptions:
-    """Return options whose time limit ends by the deadline, if there is one."""
+def _kept_solver(problem, options: SolverOptions, eliminate, warm, solvers: dict):
+    """Return a solver whose time limit ends by the deadline, kept in `solvers`."""
+    _prepared(problem, options, eliminate, solvers)
+    options.deadline.check()
     left = max(MIN_SOLVE_TIME, options.deadline.left)
-    return options if options.time_limit <= left else replace(options, time_limit=left)
+    options = replace(options, time_limit=min(options.time_limit, left))
+    key = (*sorted(options.ipopt.items()), options.tolerance, options.time_limit)
+    key += (eliminate, warm)
+    if key not in solvers:
+        solvers[key] = make_solver(problem, options, eliminate, warm, solvers)
+    return solvers[key]
 
 
 def _part(problem, eliminate) -> tuple[object, object, object]:
@@ -250,24 +255,17 @@ def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
     began = time.process_time()
     chosen = replace(options, ipopt=ipopt | options.chosen | options.ipopt)
-    _prepared(problem, chosen, level.eliminate, solvers)
-    options.deadline.check()
-    chosen = _in_time(chosen)
-    key = (*sorted(chosen.ipopt.items()), chosen.tolerance, chosen.time_limit)
-    key += (level.eliminate, warm)
-    if key not in solvers:
-        solvers[key] = make_solver(problem, chosen, level.eliminate, warm, solvers)
+    solver = _kept_solver(problem, chosen, level.eliminate, warm, solvers)
     built = time.process_time() - began
     if not warm and isinstance(start, Solution):
         start = start.values
     solution = solve(
         problem,
-        chosen,
         start=start,
         parameters=level.parameters,
         fixed=level.fixed,
         throw=False,
-        solver=solvers[key],
+        solver=solver,
         eliminate=level.eliminate,
     )
     solution.seconds["build"] += built
