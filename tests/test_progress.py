@@ -24,9 +24,11 @@ def clock(monkeypatch):
 def walk(clock, steps, seconds, stream, **options):
     """Take steps that last so many seconds each; return them."""
     taken = []
-    for step in progress(steps, "solving", stream=stream, **options):
-        taken.append(step)
-        clock[0] += seconds
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module.sys, "stderr", stream)
+        for step in progress(steps, "solving", **options):
+            taken.append(step)
+            clock[0] += seconds
     return taken
 
 
@@ -59,10 +61,11 @@ def test_an_unknown_number_of_steps_is_counted(clock):
     assert "4/5" in terminal.getvalue()
 
 
-def test_the_line_is_clean_after_ctrl_c(clock):
+def test_the_line_is_clean_after_ctrl_c(clock, monkeypatch):
     terminal = Terminal()
+    monkeypatch.setattr(module.sys, "stderr", terminal)
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012 (the loop is what is tested)
-        for step in progress(range(10), "solving", stream=terminal):
+        for step in progress(range(10), "solving"):
             clock[0] += 1.0
             if step == 6:
                 raise KeyboardInterrupt

@@ -12,42 +12,37 @@ BAR_CHARACTERS = 30  # characters of the bar
 ERASE_LINE = "\r\033[K"  # go to the start of the line and clear it
 
 
-def progress(
-    steps: Iterable, words: str, total: int | None = None, stream=None
-) -> Iterator:
+def progress(steps: Iterable, words: str, total: int | None = None) -> Iterator:
     """Yield the steps one by one; after two seconds, draw a bar on a terminal.
 
-    total: number of steps, where `steps` has no length; stream: sys.stderr.  The bar is
-    erased when the steps end, also by an error or by Ctrl-C.
+    total: number of steps, where `steps` has no length.  The bar is erased when the
+    steps end, also by an error or by Ctrl-C.
     """
-    stream = sys.stderr if stream is None else stream
     total = len(steps) if total is None and hasattr(steps, "__len__") else total
-    seen = getattr(stream, "isatty", lambda: False)()
-    began = drawn = time.monotonic()
-    shown = False
+    began, drawn = time.monotonic(), None
     try:
         for done, step in enumerate(steps):
             now = time.monotonic()
-            if (
-                seen
-                and now - began > FIRST_DELAY
-                and (not shown or now - drawn > REDRAW_INTERVAL)
+            if now - began > FIRST_DELAY and (
+                drawn is None or now - drawn > REDRAW_INTERVAL
             ):
-                stream.write("\r" + _bar(words, done, total, now - began))
-                stream.flush()
-                shown, drawn = True, now
+                _write("\r" + _bar(words, done, total, now - began))
+                drawn = now
             yield step
     finally:
-        if shown:
-            wipe(stream)
+        if drawn is not None:
+            wipe()
 
 
-def wipe(stream=None) -> None:
+def wipe() -> None:
     """Clear the line of a bar before other output; on a terminal only."""
-    stream = sys.stderr if stream is None else stream
-    if getattr(stream, "isatty", lambda: False)():
-        stream.write(ERASE_LINE)
-        stream.flush()
+    _write(ERASE_LINE)
+
+
+def _write(line: str) -> None:
+    if getattr(sys.stderr, "isatty", lambda: False)():
+        sys.stderr.write(line)
+        sys.stderr.flush()
 
 
 def _bar(words: str, done: int, total: int | None, seconds: float) -> str:
