@@ -15,9 +15,10 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING
 from dataclasses import fields as dataclass_fields
+from functools import partial
 from importlib.metadata import version
 
 import numpy as np
@@ -124,10 +125,9 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
         )  # fmt: skip
     try:
         header = json.loads(str(arrays.pop("header")))
-        _check_version(header, name, number, str(path))
-        tree = header["content"]
-        _check_fields(tree, kinds, header, str(path))
-        found = _unpack(tree, arrays, kinds)
+        foreign = partial(_foreign, header, str(path))
+        _check_version(header, name, number, str(path), foreign)
+        found = _unpack(header["content"], arrays, kinds, foreign)
     except FileError:
         raise
     except MALFORMED as bad:
@@ -153,22 +153,21 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in LIBRARIES}
 
 
-def _check_version(header: dict, name: str, number: int, where: str) -> None:
+def _check_version(header, name: str, number: int, where: str, foreign) -> None:
     """Raise FileError unless a header names this format and version."""
     found = header["format"]
     if "version" not in header and isinstance(found, int):
         # The first files had only a number, and were estimates.
         of = "" if name == "estimate" else " of an estimate"
         expected = f"version {number}{of and f' of an {name}'}"
-        raise _foreign(f"version {found}{of}", expected, header, where)
+        raise foreign(f"version {found}{of}", expected)
     if found != name:
         raise FileError(f"not an {name}", where=where, got=f"an {found}")
     if header["version"] != number:
-        got = f"version {header['version']}"
-        raise _foreign(got, f"version {number}", header, where)
+        raise foreign(f"version {header['version']}", f"version {number}")
 
 
-def _foreign(got: str, expected: str, header: dict, where: str) -> FileError:
+def _foreign(header: dict, where: str, got: str, expected: str) -> FileError:
     """Return the error for a file of another version."""
     by = header.get("written_by", {}).get("tactilenlp", "an older one")
     here = version("tactilenlp")
@@ -179,32 +178,21 @@ def _foreign(got: str, expected: str, header: dict, where: str) -> FileError:
     )  # fmt: skip
 
 
-def _check_fields(tree, kinds: dict, header: dict, where: str) -> None:
-    """Raise FileError if a dataclass in the file has other fields than here.
+def _check_fields(kind: type, found: dict, foreign: Callable) -> None:
+    """Raise foreign(got, expected) if a dataclass in the file has other fields.
 
     A field that has a default may be missing: it is younger than the file.
     """
-    if isinstance(tree, dict) and "kind" in tree:
-        kind, fields = tree["kind"], tree["fields"]
-        ours = {field.name: field for field in dataclass_fields(kinds[kind])}
-        needed = {name for name, field in ours.items() if not _has_default(field)}
-        if differ := sorted((needed - set(fields)) | (set(fields) - set(ours))):
-            words = [f"{'no ' if f in ours else ''}{kind}.{f}" for f in differ]
-            expected = f"the {len(ours)} fields of {kind} in this version"
-            raise _foreign(", ".join(words), expected, header, where)
-        tree = fields
-    for branch in _branches(tree):
-        _check_fields(branch, kinds, header, where)
+    ours = {field.name: field for field in dataclass_fields(kind)}
+    needed = {name for name, field in ours.items() if not _has_default(field)}
+    if differ := sorted((needed - set(found)) | (set(found) - set(ours))):
+        words = [f"{'no ' if f in ours else ''}{kind.__name__}.{f}" for f in differ]
+        expected = f"the {len(ours)} fields of {kind.__name__} in this version"
+        raise foreign(", ".join(words), expected)
 
 
 def _has_default(field) -> bool:
     return not (field.default is MISSING and field.default_factory is MISSING)
-
-
-def _branches(tree):
-    if isinstance(tree, dict):
-        return tree.values()
-    return tree if isinstance(tree, list) else ()
 
 
 def _pack(value, name: str, arrays: dict, kinds: dict):
@@ -227,17 +215,22 @@ def _pack(value, name: str, arrays: dict, kinds: dict):
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _unpack(tree, arrays: dict, kinds: dict):
+def _unpack(tree, arrays: dict, kinds: dict, foreign: Callable):
     if not isinstance(tree, dict):
         return tree
     if "array" in tree:
         return arrays[tree["array"]]
+
+    def inner(pairs):
+        return {k: _unpack(v, arrays, kinds, foreign) for k, v in pairs}
+
     if "dict" in tree:
-        return {k: _unpack(v, arrays, kinds) for k, v in tree["dict"].items()}
+        return inner(tree["dict"].items())
     if "list" in tree:
-        return tuple(_unpack(v, arrays, kinds) for v in tree["list"])
+        return tuple(inner(enumerate(tree["list"])).values())
     kind = kinds[tree["kind"]]
-    fields = {k: _unpack(v, arrays, kinds) for k, v in tree["fields"].items()}
+    _check_fields(kind, tree["fields"], foreign)
+    fields = inner(tree["fields"].items())
     check_kinds(kind, fields)
     found = kind(**fields)
     check_layout(found)
