@@ -22,11 +22,9 @@ def brief(thing) -> str:
 
 
 def as_html(thing) -> str:
-    """Return what a notebook shows: the summary, if there is one, and the fields."""
+    """Return what a notebook shows of a dataclass: summary, if it has one, fields."""
     head = thing.summary() if hasattr(thing, "summary") else type(thing).__name__
     text = f"<p>{html.escape(head)}</p>".replace("\n", "<br>")
-    if not is_dataclass(thing):
-        return f"{text}<pre>{html.escape(repr(thing))}</pre>"
     pairs = ((f.name, _told(getattr(thing, f.name))) for f in fields(thing))
     cells = (f"<tr><th>{n}</th><td>{html.escape(told)}</td></tr>" for n, told in pairs)
     return f"{text}<table>{''.join(cells)}</table>"
