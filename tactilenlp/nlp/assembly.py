@@ -138,14 +138,6 @@ class Assembly:
         return calls
 
     # -- where results belong ---------------------------------------------------------
-    @cached_property
-    def _places_of_slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        return _places(self.jacobian)
-
-    @cached_property
-    def _places_of_curves(self) -> tuple[np.ndarray, np.ndarray]:
-        return _places(self.hessian)
-
     def _add_up_values_and_slopes(self) -> None:
         """Set what sums f, its gradient and the Jacobian, and where g is read."""
         n, found = len(self._scale), self._found_first
@@ -162,8 +154,9 @@ class Assembly:
                 sums.append((np.zeros(len(values), int), np.ones(len(values)), values))
                 sums.append((1 + column, factors, slopes))
         self._constraints = np.concatenate(constraints)
-        self.jacobian, *places = _scattered(jacobian, (self._rows, n))
-        sums.append((1 + n + places[0], *places[1:]))
+        shape = self._rows, n
+        self.jacobian, self._places_of_slopes, *read = _scattered(jacobian, shape)
+        sums.append((1 + n + read[0], *read[1:]))
         target, factors, read = _joined(sums, 3)
         shape = 1 + n + self.jacobian.nnz(), len(found.whole)
         self._sums = sp.csr_matrix((factors, (target, read)), shape)
@@ -175,8 +168,9 @@ class Assembly:
             i, j, factor = term.hessian_places
             factors = self._scale[i] * self._scale[j] * factor
             hessian.append((i, j, factors, found.places(k)))
-        self.hessian, target, factors, read = _scattered(hessian, (n, n))
-        shape = self.hessian.nnz(), len(found.whole)
+        found = _scattered(hessian, (n, n))
+        self.hessian, self._places_of_curves, target, factors, read = found
+        shape = self.hessian.nnz(), len(self._found_second.whole)
         self._second_sums = sp.csr_matrix((factors, (target, read)), shape)
 
 
@@ -246,8 +240,9 @@ def _joined(parts: list[tuple], count: int) -> list[np.ndarray]:
 def _scattered(parts, shape: tuple[int, int]) -> tuple:
     """Return the pattern of what stands at (row, column), and what sums it.
 
-    parts: rows, columns, factors, and where the numbers are read.  Targets are nonzeros
-    of the pattern, which several numbers may share; factors and where these are read.
+    parts: rows, columns, factors, and where the numbers are read.  Of the pattern the
+    rows of its nonzeros, and where its columns start; of each number the nonzero, which
+    several may share, its factor, and where it is read.
     """
     rows, columns, factors, read = _joined(parts, 4)
     keys = columns.astype(np.int64) * shape[0] + rows  # column by column, as CasADi's
@@ -255,9 +250,4 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
     column, row = np.divmod(places, max(1, shape[0]))
     start = np.searchsorted(column, np.arange(shape[1] + 1))
     pattern = ca.Sparsity(*shape, start.tolist(), row.tolist())
-    return pattern, target, factors, read
-
-
-def _places(pattern: ca.Sparsity) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of the nonzeros of a pattern, and where its columns start."""
-    return np.array(pattern.row(), int), np.array(pattern.colind(), int)
+    return pattern, (row, start), target, factors, read
