@@ -143,14 +143,9 @@ def _externals(names, path: str) -> list[ca.Function]:
 
 
 def _key(origin: str) -> str:
-    known = [compiler(), *_flags(), processor(), ca.__version__, _vector_rule(), origin]
+    vector_rule = inspect.getsource(inspect.getmodule(vector_source))
+    known = [compiler(), *_flags(), processor(), ca.__version__, vector_rule, origin]
     return hashlib.sha256(" ".join(known).encode()).hexdigest()[:32]
-
-
-@cache
-def _vector_rule() -> str:
-    """Return the source of what writes vector operations."""
-    return inspect.getsource(inspect.getmodule(vector_source))
 
 
 def _flags() -> tuple[str, ...]:
