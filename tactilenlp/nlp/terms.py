@@ -279,25 +279,22 @@ def _whole(argument, left):
     return next(left)
 
 
-def limit(values, shape: tuple[int, int], name: str) -> np.ndarray:
-    """Return a bound of a term for every instance and row."""
-    try:
-        return np.broadcast_to(values, shape).astype(float)
-    except ValueError:
-        told = {"got": np.shape(values), "expected": str(shape)}
-        raise PageError("wrong shape of a limit", where=name, **told) from None
-
-
 def limits_of(name: str, shape: tuple[int, int], limits: dict) -> dict:
     """Return lower and upper limits as arrays (instances, rows); PageError if wrong."""
-    limits = {k: limit(v, shape, name) for k, v in limits.items()}
-    if limits and not np.all(limits["lower"] <= limits["upper"]):
+    found = {}
+    for which, values in limits.items():
+        try:
+            found[which] = np.broadcast_to(values, shape).astype(float)
+        except ValueError:
+            told = {"got": np.shape(values), "expected": str(shape)}
+            raise PageError("wrong shape of a limit", where=name, **told) from None
+    if found and not np.all(found["lower"] <= found["upper"]):
         expected = "lower <= upper"
         raise PageError("limits cross, or are NaN", where=name, expected=expected)
-    if limits and np.isinf([*limits.values()]).all():
+    if found and np.isinf([*found.values()]).all():
         raise PageError(
             "a constraint without limits", where=name, got="none",
             expected="a finite lower or upper limit",
             next="give lower=, upper= or both; lower=0, upper=0 is an equation",
         )  # fmt: skip
-    return limits
+    return found
