@@ -14,37 +14,35 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from ..common.deadline import NEVER, Deadline
 from .term_functions import between_slices, padded
 
 
 class Assembly:
     """A programme as functions of arrays: scaled unknowns x (n,), data p, multipliers.
 
-    terms: costs, then constraints in the order of their rows; scale (n,); data, rows:
-    how many numbers all terms read, how many rows are constrained.  jacobian (rows, n),
-    hessian (n, n), upper triangle: patterns, whose nonzeros are what is returned.  A
-    strict deadline ends the making between two terms: large problems take seconds.  Its
-    arrays are its own: one thread at a time.
+    jacobian (rows, n), hessian (n, n), upper triangle: patterns, whose nonzeros are
+    what is returned.  The problem's strict deadline ends the making between two terms:
+    large problems take seconds.  Its arrays are its own: one thread at a time.
     """
 
-    def __init__(self, terms, scale, data: int, rows: int, deadline: Deadline = NEVER):
-        self.terms, self._scale, self._rows = [*terms], scale, rows
-        self._deadline = deadline
+    def __init__(self, problem):
+        self.terms = terms = [*problem.terms.values()]
+        self._scale, self._rows = problem.scale, problem.rows
+        self._deadline = problem.deadline
         self._at_terms = (
-            _Gathered([term.unknowns for term in self.terms]),
-            _Gathered([term.data for term in self.terms]),
+            _Gathered(terms, [term.unknowns for term in terms]),
+            _Gathered(terms, [term.data for term in terms]),
         )
-        self._weights = _Gathered([_multipliers_of(term) for term in self.terms])
-        functions = [term.function for term in self.terms]
-        self._arguments = _Results(self.terms, [f.arguments for f in functions])
-        self._roots = _Results(self.terms, [f.roots for f in functions])
+        self._weights = _Gathered(terms, [_multipliers_of(term) for term in terms])
+        functions = [term.function for term in terms]
+        self._arguments = _Slices(terms, [f.arguments for f in functions])
+        self._roots = _Slices(terms, [f.roots for f in functions])
         slopes = [f.jacobian_sparsity.nnz() for f in functions]
-        self._found_first = _Results(self.terms, [f.rows for f in functions], slopes)
+        self._found_first = _Slices(terms, [f.rows for f in functions], slopes)
         curves = [f.hessian_sparsity.nnz() for f in functions]
-        self._found_second = _Results(self.terms, curves)
-        self._at = np.full(len(scale), np.nan), np.full(data, np.nan)
-        self._found = None
+        self._found_second = _Slices(terms, curves)
+        nothing = problem.size, problem.data().size
+        self._at, self._found = tuple(np.full(n, np.nan) for n in nothing), None
         self._add_up_values_and_slopes()
         self._add_up_curves()
 
@@ -174,30 +172,11 @@ class Assembly:
         self._second_sums = sp.csr_matrix((factors, (target, read)), shape)
 
 
-class _Gathered:
-    """What the instances of all terms read, one term after the other.
+class _Slices:
+    """One array, in which each number of the instances of each term has a slice.
 
-    indices: of each term (instances, numbers), into the vector that `gather` is given.
-    """
-
-    def __init__(self, indices: list[np.ndarray]):
-        indices = [one[_filled(len(one))].ravel() for one in indices]
-        self._starts = np.cumsum([0, *map(len, indices)])
-        self._indices = np.concatenate([np.zeros(0, int), *indices])
-        self.whole = np.zeros(len(self._indices))
-
-    def gather(self, vector: np.ndarray) -> None:
-        np.take(vector, self._indices, out=self.whole, mode="clip")
-
-    def of(self, k: int) -> list[np.ndarray]:
-        """Return what the instances of term k read."""
-        return [self.whole[self._starts[k] : self._starts[k + 1]]]
-
-
-class _Results:
-    """What the functions of all terms return.
-
-    numbers: of each result, how many one instance of every term has.
+    numbers: of each result, or of what is read, how many one instance of every term
+    has.  A slice has room for all calls of functions of several instances.
     """
 
     def __init__(self, terms: list, *numbers: list[int]):
@@ -208,7 +187,7 @@ class _Results:
         self._terms, self.whole = len(terms), np.zeros(self._starts[-1])
 
     def of(self, k: int) -> list[np.ndarray]:
-        """Return where the results of term k are written."""
+        """Return the slices of term k."""
         several = range(k, len(self._starts) - 1, self._terms)
         return [self.whole[self._starts[i] : self._starts[i + 1]] for i in several]
 
@@ -218,9 +197,20 @@ class _Results:
         return first + np.arange(self._lengths[which, k])
 
 
-def _filled(instances: int) -> np.ndarray:
-    """Return the numbers of instances, the last one again until calls are full."""
-    return np.minimum(np.arange(padded(instances)), instances - 1)
+class _Gathered(_Slices):
+    """What the instances of all terms read, the last one again until calls are full.
+
+    indices: of each term (instances, numbers), into the vector that `gather` is given.
+    """
+
+    def __init__(self, terms: list, indices: list[np.ndarray]):
+        super().__init__(terms, [one.shape[1] for one in indices])
+        filled = [np.minimum(np.arange(padded(len(i))), len(i) - 1) for i in indices]
+        read = (one[k].ravel() for one, k in zip(indices, filled, strict=True))
+        self._indices = np.concatenate([np.zeros(0, int), *read])
+
+    def gather(self, vector: np.ndarray) -> None:
+        np.take(vector, self._indices, out=self.whole, mode="clip")
 
 
 def _multipliers_of(term) -> np.ndarray:

@@ -222,8 +222,7 @@ class Problem:
     @cached_property
     def assembly(self) -> Assembly:
         """The programme in scaled unknowns: values and derivatives as arrays."""
-        sizes = self.scale, self._data_size, self.rows
-        return Assembly(self.terms.values(), *sizes, self.deadline)
+        return Assembly(self)
 
     @cached_property
     def functions(self) -> dict:
