@@ -109,9 +109,8 @@ class KKTSystem:
     x (unknowns,) SI; data; multipliers: by constraint; A (active, unknowns): scaled
     Jacobian of the active constraints, then bounds, rows of unit length; rows, lengths
     (active constraints,): their indices among all constraint rows, and the lengths by
-    which they were divided; fixed: indices of the unknowns whose bounds are active;
-    active, ambiguous: number of such rows by constraint or bound; curvature (unknowns,
-    unknowns): of the Lagrangian, in scaled unknowns.
+    which they were divided; active, ambiguous: number of such rows by constraint or
+    bound; curvature (unknowns, unknowns): of the Lagrangian, in scaled unknowns.
     """
 
     problem: object
@@ -121,7 +120,6 @@ class KKTSystem:
     A: sp.csc_matrix
     rows: np.ndarray
     lengths: np.ndarray
-    fixed: np.ndarray
     active: dict[str, int]
     ambiguous: dict[str, int]
     curvature: sp.csc_matrix
@@ -216,7 +214,7 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
     return KKTSystem(
         problem, x, data, dict(solution.multipliers),
         (sp.diags(1 / lengths) @ A).tocsc(), np.flatnonzero(on),
-        lengths[: np.count_nonzero(on)], np.flatnonzero(fixed), active, ambiguous,
+        lengths[: np.count_nonzero(on)], active, ambiguous,
         assembly.curvature(scaled, data, 1.0, multipliers),
     )  # fmt: skip
 
