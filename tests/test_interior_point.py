@@ -13,10 +13,9 @@ from tactilenlp.solvers import sparse_ldl
 from tactilenlp.solvers.bordered_ldl import BorderedLdl
 from tactilenlp.solvers.condensed_kkt import CondensedKkt
 from tactilenlp.solvers.interior_point import InteriorPoint
-from tactilenlp.solvers.ipopt import make_ipopt
 from tactilenlp.solvers.line_search import Filter, Stuck
 from tactilenlp.solvers.options import NAMES, Settings, SolverOptions
-from tactilenlp.solvers.solve import make_solver, solve
+from tactilenlp.solvers.solve import make_ipopt, make_solver, solve
 from tactilenlp.solvers.sparse_ldl import SparseLdl
 
 

@@ -14,9 +14,8 @@ from dataclasses import replace
 from .line_search import Stuck
 from .options import MIN_SOLVE_TIME, Settings
 from .primal_dual import Run
-from .solution import ACCEPTED, SOLVED
+from .solution import ACCEPTED, PROGRESS, SOLVED
 
-HISTORY = ("obj", "inf_pr", "inf_du", "mu")  # IPOPT's names of the progress of a run
 SECOND_MU = 1e-3  # of a second run: from 1e-1 it takes three times as many iterations
 
 
@@ -47,7 +46,7 @@ class InteriorPoint:
             "return_status": status,
             "iter_count": run.iterations,
             "n_call_nlp_f": run.evaluations,
-            "iterations": dict(zip(HISTORY, columns, strict=True)),
+            "iterations": dict(zip(PROGRESS.values(), columns, strict=True)),
         }
         return {"x": run.at.w[: run.n], "lam_g": run.y, "lam_x": run.bounds_of_x()}
 

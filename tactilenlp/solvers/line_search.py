@@ -57,9 +57,6 @@ class Filter:
         self._small = SMALL * max(1.0, violation)
         self.entries: list[tuple[float, float]] = []
 
-    def clear(self) -> None:
-        self.entries = []
-
     def first_accepted(
         self, at: Point, dw, slope: float, longest: float, mu: float,
         evaluated: Callable,

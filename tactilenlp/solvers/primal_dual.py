@@ -54,7 +54,7 @@ class Run:
         self.least = [np.spacing(np.maximum(1.0, np.abs(b))) for b in bounds]
         self.iterations, self.evaluations, self.damping = 0, 1, 0.0
         self.accepted, self.shortened, self.resets = 0, 0, 0
-        self.history: list[tuple] = []  # by iteration, as HISTORY names
+        self.history: list[tuple] = []  # by iteration, as PROGRESS names
         warm = lam_g0 is not None
         push = np.full(len(lower), settings.bound_push)
         push[self.n :] = settings.bound_push if warm else SLACK_PUSH
@@ -174,7 +174,7 @@ class Run:
         least = min(self.settings.tol, self.settings.compl_inf_tol) / (INNER + 1)
         while (mu := self.mu) > least and self._error(mu) <= INNER * mu:
             self.mu = max(least, min(LINEAR * mu, mu**SUPERLINEAR))
-            self.filter.clear()
+            self.filter.entries.clear()
 
     def _slope(self) -> np.ndarray:
         """Return the gradient of the barrier function in w."""
@@ -250,7 +250,7 @@ class Run:
             except Stuck:
                 if not self.filter.entries or self.resets == MOST_RESETS:
                     raise
-                self.filter.clear()
+                self.filter.entries.clear()
                 self.resets += 1
 
 

@@ -81,10 +81,7 @@ def recomputed(problem, x, data, found, lam_g, lam_x, stats, seconds) -> Solutio
         violations=violations,
         multipliers=multipliers,
         bound_multipliers=problem.unpack(lam_x),
-        parameters={
-            n: data[p.first : p.first + p.value.size]
-            for n, p in problem.parameters.items()
-        },
+        parameters={n: data[p.span] for n, p in problem.parameters.items()},
         success=success,
         status=status,
         iterations=iterations,

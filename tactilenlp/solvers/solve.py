@@ -11,11 +11,11 @@ import numpy as np
 
 from ..common.interrupt import interruptible
 from ..common.validation import check_types
-from ..errors import OptionError
+from ..errors import OptionError, shortened
 from ..nlp.problem import Problem
+from ..nlp.terms import known
 from .condensed_kkt import CondensedKkt
 from .interior_point import InteriorPoint
-from .ipopt import make_ipopt
 from .options import MIN_SOLVE_TIME, NAMES, Settings, SolverOptions
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
@@ -44,6 +44,22 @@ def make_solver(
         return ipopt(options.time_limit)
     settings = Settings(**{**options.named(warm), **options.ipopt})
     return InteriorPoint(programme, settings, ipopt)
+
+
+def make_ipopt(problem, options: SolverOptions, eliminate=False, warm=False):
+    """Return IPOPT as a CasADi solver of this problem; it shares the derivatives."""
+    functions = (problem.eliminated if eliminate else problem).functions
+    exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
+    settings = options.for_nlpsol(warm) | exact
+    try:
+        return ca.nlpsol("solver", "ipopt", functions["nlp"], settings)
+    except RuntimeError as error:
+        raise OptionError(
+            "IPOPT does not accept these options",
+            where="ipopt",
+            got=f"{shortened(options.ipopt)}: {str(error).strip().splitlines()[-1]}",
+            expected="names and values of IPOPT's documentation",
+        ) from error
 
 
 def _prepared(problem, options, eliminate, shared: dict) -> tuple | None:
@@ -191,14 +207,7 @@ def _bound_multipliers(programme, out, data, fixed) -> np.ndarray:
 def _start(problem, values, fixed):
     """Return a start within the bounds, and the bounds, equal where x is fixed."""
     names = [name for name in fixed if isinstance(name, str)]
-    unknown = [name for name in names if name not in problem.variables]
-    if unknown:
-        raise OptionError(
-            "no such variable",
-            where="fixed",
-            got=unknown,
-            expected=f"names among {[*problem.variables]}",
-        )
+    known(names, problem.variables, "variable")
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     x = np.clip(problem.pack(values), lower, upper)
     for held in fixed:
