@@ -27,7 +27,8 @@ class SparseLdl:
     """
 
     def __init__(self, n: int, rows: np.ndarray, columns: np.ndarray):
-        whole = _sparsity(n, np.r_[rows, columns], np.r_[columns, rows])
+        both = np.r_[rows, columns].tolist(), np.r_[columns, rows].tolist()
+        whole = ca.Sparsity.triplet(n, n, *both)  # the diagonal is given twice
         factor, order = whole.ldl(True)
         self._order = np.array(order)
         place = np.empty(n, int)
@@ -35,7 +36,7 @@ class SparseLdl:
         i, j = place[rows], place[columns]
         i, j = np.minimum(i, j), np.maximum(i, j)
         self._from = np.lexsort((i, j))  # of a place in the ordered upper triangle
-        upper = _sparsity(n, i, j)
+        upper = ca.Sparsity.triplet(n, n, i.tolist(), j.tolist())
         self.n = n
         method = _Casadi if _functions() is None else _Compiled
         self._method = method(upper, factor)
@@ -49,15 +50,6 @@ class SparseLdl:
         out = np.empty(right.shape)
         out[self._order] = self._method.solve(right[self._order])
         return out
-
-
-def _sparsity(n: int, rows, columns) -> ca.Sparsity:
-    """Return the pattern (n, n) with these places, some of which may be repeated."""
-    places = np.sort(columns.astype(np.int64) * n + rows)
-    places = places[np.r_[True, places[1:] > places[:-1]]]
-    column, row = np.divmod(places, n)
-    starts = np.searchsorted(column, np.arange(n + 1))
-    return ca.Sparsity(n, n, starts.tolist(), row.tolist())
 
 
 class _Compiled:
