@@ -159,14 +159,13 @@ def _advice(solution: Solution, limit: bool) -> str:
 
 def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotConverged:
     """Return the error that names the worst terms of a solution; it has an estimate."""
+    kept = {"problem": problem.describe(), "solution": solution, "estimate": estimate}
     if solution.status == "Invalid_Option":
         return NotConverged(
             "IPOPT refused an option (Invalid_Option), nothing was solved",
             where="ipopt",
             expected="options of this build; its linear solvers are mumps and spral",
-            problem=problem.describe(),
-            solution=solution,
-            estimate=estimate,
+            **kept,
         )
     worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
     broken = [
@@ -181,7 +180,5 @@ def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotCon
         where=f"{problem.size} unknowns, {problem.rows} constraints",
         got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
         next=_advice(solution, TIME_LIMIT in status),
-        problem=problem.describe(),
-        solution=solution,
-        estimate=estimate,
+        **kept,
     )
