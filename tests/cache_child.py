@@ -36,7 +36,7 @@ def solve(environment, patch, answer):
     patch()
     found = []
     for origin in ("one", "two"):
-        one = codegen.kept(["value"], origin) or codegen.compiled(functions(), origin)
+        one = codegen.kept(["value"], origin) or codegen.begun(functions(), origin)()
         found.append((one[0].class_name(), float(one[0](3.0, 2.0))))
     answer.send((found, [words for level, words in said if level >= logging.WARNING]))
 

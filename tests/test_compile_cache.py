@@ -279,7 +279,7 @@ def test_a_fork_leaves_the_compilers_of_its_parent_alone(tmp_path, monkeypatch):
     assert compilation._running
 
     def compute():
-        (another,) = codegen.compiled([ca.Function("value", [x], [x - 1])], "another")
+        (another,) = codegen.begun([ca.Function("value", [x], [x - 1])], "another")()
         (first,) = begun[0]()
         return [f.class_name() for f in (another, first)], float(first(2.0))
 

@@ -38,17 +38,9 @@ UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
 _said: set[str] = set()  # cache folders about which a warning was logged
 
 
-def compiled(
-    functions: list[ca.Function],
-    origin: str = "",
-    deadline: Deadline = NEVER,
-    vectors: bool = False,
-) -> list[ca.Function]:
-    """Return the functions compiled, or unchanged where that is not possible.
-
-    Arguments as of `begun`.
-    """
-    return begun(functions, origin, deadline, vectors)()
+def compiled(functions: list[ca.Function]) -> list[ca.Function]:
+    """Return the functions compiled, or unchanged where that is not possible."""
+    return begun(functions)()
 
 
 def begun(

@@ -15,6 +15,7 @@ import subprocess
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 from ..common.deadline import Deadline
@@ -31,7 +32,6 @@ WAITING = (
     "functions are compiled for their first use on this machine: up to a minute "
     "(`python -m tactilenlp compile` does it ahead)"
 )
-_said: set[str] = set()  # WAITING, once it was logged
 _running: list[Compilation] = []  # by compilers of this process
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_running.clear)  # only a parent can wait
@@ -150,10 +150,10 @@ def _first_to_end() -> Compilation:
     return over[0]
 
 
+@cache
 def _say_waiting() -> None:
-    if WAITING not in _said:
-        log.warning(WAITING)
-    _said.add(WAITING)
+    """Say once in a process that compilers are waited for."""
+    log.warning(WAITING)
 
 
 def _started(command: list[str], folder: Path, messages) -> subprocess.Popen:

@@ -70,7 +70,6 @@ class Problem:
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     noting: Callable = nullcontext  # see TermFunctionCache.of
     _data: list[np.ndarray] = field(default_factory=list)
-    _data_size: int = 0
 
     # -- what a page says -------------------------------------------------------------
     def variable(
@@ -227,7 +226,7 @@ class Problem:
     @cached_property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return nlpsol_functions(self.assembly, self._data_size)
+        return nlpsol_functions(self.assembly, self.data().size)
 
     @cached_property
     def eliminated(self) -> Eliminated:
@@ -242,10 +241,8 @@ class Problem:
             raise PageError("declared twice", where=name, next="give it another name")
 
     def _append_data(self, values: np.ndarray) -> int:
-        first = self._data_size
         self._data.append(np.asarray(values, float).ravel())
-        self._data_size += self._data[-1].size
-        return first
+        return sum(map(len, self._data[:-1]))
 
     def _add(
         self, kept, name, function, arguments, role=None, first_row=0, trace=None,
