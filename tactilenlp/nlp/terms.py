@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 from casadi import vertcat
@@ -69,7 +68,7 @@ class Columns:
 
     def below(self, data: np.ndarray) -> Joined:
         """Return an argument: data (instances, numbers), and these unknowns below."""
-        return Joined((data, self))
+        return Joined(data, self)
 
     @property
     def indices(self) -> np.ndarray:
@@ -82,21 +81,17 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Joined:
-    """Arguments that a term's function reads as one vector, one below the other.
+    """Data (instances, numbers) and unknowns that a term reads as one vector."""
 
-    parts: data (instances, numbers) or Columns, of the same instances.
-    """
-
-    parts: tuple
+    data: np.ndarray
+    unknowns: Columns
 
     def __len__(self) -> int:
-        return instances_of("joined", self.parts)
+        return len(self.data)
 
     def __getitem__(self, rows) -> Joined:
         """Return what the chosen instances read."""
-        parts = self.parts
-        parts = (p.pick(rows) if isinstance(p, Columns) else p[rows] for p in parts)
-        return Joined(tuple(parts))
+        return Joined(self.data[rows], self.unknowns.pick(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +227,6 @@ def instances_of(name: str, arguments) -> int:
     for argument in arguments:
         if isinstance(argument, Columns):
             lengths.append(len(argument.columns))
-        elif isinstance(argument, Variable):
-            lengths.append(argument.columns)
         elif not isinstance(argument, Parameter) and np.ndim(argument) > 0:
             lengths.append(len(argument))
     several = {n for n in lengths if n != 1}
@@ -263,7 +256,7 @@ def apart(function: Callable, arguments) -> tuple[Callable, list]:
 
 def _parts(argument) -> list:
     if isinstance(argument, Joined):
-        return [*argument.parts]
+        return [argument.data, argument.unknowns]
     if hasattr(argument, "_fields"):
         return [part for a in argument if a is not None for part in _parts(a)]
     return [argument]
@@ -272,7 +265,7 @@ def _parts(argument) -> list:
 def _whole(argument, left):
     """Return an argument as its function reads it, from the parts that are left."""
     if isinstance(argument, Joined):
-        return vertcat(*islice(left, len(argument.parts)))
+        return vertcat(next(left), next(left))
     if hasattr(argument, "_fields"):
         fields = (None if a is None else _whole(a, left) for a in argument)
         return type(argument)(*fields)
