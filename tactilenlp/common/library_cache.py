@@ -21,7 +21,6 @@ from pathlib import Path
 
 OTHERS = stat.S_IWGRP | stat.S_IWOTH  # write permission of anybody else
 ROOT = 0  # the user who can change everything anyway
-MAX_DIGEST = 100  # [bytes] that are read of a digest file
 UNFINISHED = "unfinished-"  # of the folders in which libraries are compiled
 ABANDONED = 3600.0  # [s] after which such a folder belongs to no running process
 
@@ -64,7 +63,7 @@ def is_whole(library: Path) -> bool:
     """
     try:
         content = _read(library)
-        digest = _read(_digest_file(library), MAX_DIGEST)
+        digest = _read(_digest_file(library))
     except FileNotFoundError:
         return False
     return digest == _digest(library.name, content)
@@ -113,7 +112,7 @@ def _digest(name: str, content: bytes) -> bytes:
     return hashlib.sha256(name.encode() + b"\0" + content).hexdigest().encode()
 
 
-def _read(path: Path, most: int = -1) -> bytes:
+def _read(path: Path) -> bytes:
     """Return the content of a file of this user; OSError of anything else."""
     # A FIFO would block, and a link may lead to what is not checked.
     file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -122,7 +121,7 @@ def _read(path: Path, most: int = -1) -> bytes:
         if not stat.S_ISREG(status.st_mode):
             raise PermissionError(f"{path} is not a file")
         _check_owner(path, status)
-        return opened.read(most)
+        return opened.read()
 
 
 def _check_owner(path: Path, status: os.stat_result) -> None:
