@@ -25,7 +25,6 @@ import numpy as np
 
 from ..errors import FileError, MeasurementError, TactileError
 from .layout import check_kinds, check_layout
-from .validation import check_path
 from .whole_file import opened, whole_file
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
@@ -104,7 +103,6 @@ def write_result(path, name: str, number: int, content, kinds: dict) -> None:
 
     kinds: the dataclasses that may occur in it, by name.
     """
-    check_path(path)
     arrays: dict[str, np.ndarray] = {}
     header = {"format": name, "version": number, "written_by": versions()}
     header["content"] = _pack(content, "", arrays, kinds)
