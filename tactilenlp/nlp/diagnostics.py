@@ -281,10 +281,9 @@ def _unused_variables(problem):
 
 def _unused_parameters(problem):
     """Yield the names of parameters that no term reads."""
-    terms = [*problem.terms.values(), *problem.reports.values()]
-    read = np.unique(
-        np.concatenate([np.zeros(0, int), *(t.data.ravel() for t in terms)])
-    )
+    read = np.zeros(problem.data().size, bool)
+    for term in (*problem.terms.values(), *problem.reports.values()):
+        read[term.data] = True
     for p in problem.parameters.values():
-        if not np.isin(np.arange(p.span.start, p.span.stop), read).any():
+        if not read[p.span].any():
             yield p.name
