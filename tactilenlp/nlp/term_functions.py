@@ -180,11 +180,14 @@ def of_columns(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
 
     One of several is given the last column again until its calls are full.
     """
-    width, columns = function.size2_in(0), given[0].shape[1]
-    calls = -(-columns // width)
-    filled = np.minimum(np.arange(calls * width), columns - 1)
-    found = function.map(calls).call([array[:, filled] for array in given])
-    return [np.asarray(array)[:, :columns] for array in found]
+    columns = given[0].shape[1]
+    filled = np.minimum(np.arange(padded(columns)), columns - 1)
+    read = [array.T[filled].ravel().astype(float) for array in given]
+    rows = map(function.size1_out, range(function.n_out()))
+    found = [np.zeros(len(filled) * count) for count in rows]
+    evaluate, _ = between_slices(function, columns, read, found)
+    evaluate()
+    return [array.reshape(len(filled), -1)[:columns].T for array in found]
 
 
 def padded(instances: int) -> int:
