@@ -41,8 +41,8 @@ class Assembly:
         self._found_first = _Slices(terms, [f.rows for f in functions], slopes)
         curves = [f.hessian_sparsity.nnz() for f in functions]
         self._found_second = _Slices(terms, curves)
-        nothing = problem.size, problem.data().size
-        self._at, self._found = tuple(np.full(n, np.nan) for n in nothing), None
+        self._at = np.full(problem.size, np.nan), np.full(problem.data().size, np.nan)
+        self._found = None
         self._add_up_values_and_slopes()
         self._add_up_curves()
 
