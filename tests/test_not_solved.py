@@ -99,10 +99,12 @@ def test_an_option_out_of_range_is_named(option, value):
         replace(SolverOptions(), **{option: value})
 
 
-def test_an_unknown_start_or_parameter_is_named():
+def test_an_unknown_start_fixed_name_or_parameter_is_named():
     problem = pendulum()
     with pytest.raises(PageError, match="angle: no such variable"):
         solve(problem, start={"angle": 0.0})
+    with pytest.raises(PageError, match="angle: no such variable"):
+        solve(problem, fixed=("angle",))
     with pytest.raises(PageError, match="step: no such parameter"):
         solve(problem, parameters={"step": 0.0})
 
