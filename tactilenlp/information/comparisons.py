@@ -35,7 +35,6 @@ from scipy.linalg import block_diag
 from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
-from ..nlp.term_functions import applied
 
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:
