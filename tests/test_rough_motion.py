@@ -20,7 +20,6 @@ from tactilenlp.refinement import refinement
 from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
 from tactilenlp.search.margins import DECISIVE, UNCHANGED
 from tactilenlp.search.multi_hypothesis import proposed_tracks
-from tactilenlp.search.proposals import spherical
 from tactilenlp.tracking.tracking import predicted_tracks
 from tactilenlp.tracking.tracks import filter_of
 
@@ -36,8 +35,7 @@ def request_of_one_action(recorded):
 
 def predicted(job):
     """Return covariances (6, 6, S) before and after the first sample of a push."""
-    data, window = spherical(job)
-    filter, rng = filter_of(job, window, data), np.random.default_rng(0)
+    filter, rng = filter_of(job, job.data), np.random.default_rng(0)
     tracks, _ = proposed_tracks(job, filter, (), rng)
     t = int(np.flatnonzero(filter.felt.any(axis=1))[0])
     after, _, moved = predicted_tracks(filter, tracks, t - 1, t, rng)

@@ -26,6 +26,7 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
+from ..problem.fingertips import as_spheres
 from ..tracking.carried import carried_away, with_carried
 from ..tracking.first_touch import body_height, from_first_touch
 from ..tracking.smoother import smoothed
@@ -41,7 +42,7 @@ from ..tracking.tracks import (
 from .hypothesis import Hypothesis, Job, distinct, same, varied
 from .least_motion import ROUND, Executor, least_motion
 from .margins import DECISIVE
-from .proposals import centred, from_guess, from_posterior, spherical
+from .proposals import centred, from_guess, from_posterior
 from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
@@ -195,16 +196,15 @@ def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
     """
     if complete(kept, job):
         return list(kept)
-    data, window = spherical(job)
-    data = kept[0].seen(data) if kept else data
-    filter = filter_of(job, window, data)
+    data = as_spheres(job.data, job.scene)
+    filter = filter_of(job, kept[0].seen(data) if kept else data)
     found = _tracked_actions(job, filter, kept, so_far, carried=False)
     if found is None:
         log.info("the body was carried between two actions: all are tracked again")
         past, *found = _tracked_actions(job, filter, kept, so_far, carried=True)
         found = (replace(past, name=CARRIED_ON), *found)
     past, tracks, records = found
-    return _paths(past, data.samples, tracks, records, count)
+    return _paths(past, job.data.samples, tracks, records, count)
 
 
 def _tracked_actions(job, filter, kept, so_far, carried: bool):

@@ -13,10 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from formulations import quasi_static
-from formulations.finger import SPHERE
 
 from ..problem.fingertips import as_spheres
-from ..problem.reductions import reduce
 from ..tracking.first_touch import (
     DRAWN,
     SMALLEST,
@@ -38,7 +36,7 @@ UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
 
 def centred(job: Job) -> tuple:
     """Return the guess (name, theta, x) of a typical box, touched in mid-face."""
-    data, _ = spherical(job)
+    data = as_spheres(job.data, job.scene)
     p, n = first_contact(data)
     mean, top = job.shape.typical_size, np.linalg.norm(n[:2]) < TOP_TILT
     height = body_height(data, job.shape, mean, job.precision.normal)
@@ -85,9 +83,3 @@ def from_posterior(job: Job, kept):
         P = C[end] * np.outer(shrink, shrink) + np.diag(least**2)
         out.append((P, along))
     return out
-
-
-def spherical(job: Job):
-    """Return data and window as if every fingertip were a sphere."""
-    window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
-    return as_spheres(job.data, job.scene), replace(window, finger=SPHERE)

@@ -96,15 +96,18 @@ class Filter:
     process_noise: float
 
 
-def filter_of(job, window, data) -> Filter:
-    """Return the filter of a job; where the fingers are not known, gaps tell less."""
+def filter_of(job, data) -> Filter:
+    """Return the filter of a job, of data as spherical fingertips would measure them.
+
+    Where the fingers are not known, gaps tell less.
+    """
     scene = job.scene
     friction = (
         scene.friction_ground or FRICTION_GROUND,
         (FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger),
     )
-    place = np.hypot(window.sigma_position, scene.typical_offset)
-    noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, window.sigma_normal)
+    place = np.hypot(job.precision.position, scene.typical_offset)
+    noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, job.precision.normal)
     n = job.shape.theta
     low = np.r_[np.full(n, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
