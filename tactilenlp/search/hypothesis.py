@@ -23,7 +23,7 @@ from ..data.sensor_noise import latency_cost, with_fingers_earlier
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
-from ..tracking.outline import path_outline, supports
+from ..tracking.surface import path_outline, supports
 from ..tracking.tracks import diverse
 from .margins import START_BEHIND
 

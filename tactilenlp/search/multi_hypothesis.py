@@ -5,7 +5,7 @@
     prediction      quasi-static pushing, sample by sample            (pushing.py)
     correction      gaps and normals by an extended Kalman filter     (tracking.py)
     selection       by evidence; the best are split after each action   (tracks.py)
-    smoothing       backward: Rauch-Tung-Striebel                     (smoother.py)
+    smoothing       backward: Rauch-Tung-Striebel                     (tracking.py)
     least motion    the quasi-static page solved from the paths   (least_motion.py)
 
 What is returned starts the local solves: paths of tracks, and optima of least motion
@@ -29,16 +29,8 @@ from ..geometry.transforms import carried
 from ..problem.fingertips import as_spheres
 from ..tracking.carried import carried_away, with_carried
 from ..tracking.first_touch import body_height, from_first_touch
-from ..tracking.smoother import smoothed
-from ..tracking.tracking import tracked
-from ..tracking.tracks import (
-    Filter,
-    Tracks,
-    filter_of,
-    opened,
-    parts_of,
-    started,
-)
+from ..tracking.tracking import smoothed, tracked
+from ..tracking.tracks import Filter, Record, Tracks, filter_of, parts_of, started
 from .hypothesis import Hypothesis, Job, distinct, same, varied
 from .least_motion import ROUND, Executor, least_motion
 from .margins import DECISIVE
@@ -215,8 +207,9 @@ def _tracked_actions(job, filter, kept, so_far, carried: bool):
     """
     rng = np.random.default_rng(0)
     tracks, past = proposed_tracks(job, filter, kept, rng)
-    data, done = filter.data, past.samples
-    records = opened(tracks, max(done - 1, 0))
+    data, done, state = filter.data, past.samples, (tracks.z, tracks.P)
+    begin = max(done - 1, 0)
+    records = [Record(begin, begin, *state, None, *state, None)]
     whole = done, tracks, list(records)
     actions = np.unique(data.action[done:])
     try:

@@ -6,7 +6,7 @@ In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evid
 - `pushing`, `filter_steps`: quasi-static pushing; prediction and correction, compiled
 - `first_touch`, `carried`: where a body may be by the first touch, or after a gap
 - `tracks`: what a track is; selection by evidence, splitting
-- `tracking`: prediction and correction by an iterated extended Kalman filter
-- `smoother`: backward, Rauch-Tung-Striebel
-- `outline`, `surface`: outlines by which paths are compared; points of the surface
+- `tracking`: prediction and correction by an iterated extended Kalman filter; backward
+  the smoother of Rauch, Tung and Striebel
+- `surface`: points of the surface, and supports by which paths are compared
 """

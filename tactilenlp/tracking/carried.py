@@ -18,7 +18,7 @@ from formulations.between_actions import CAUCHY, GAP
 
 from .first_touch import START_SIGMA, first_contact, places_of
 from .tracking import between_actions, tracked
-from .tracks import Filter, Tracks, joined
+from .tracks import Filter, Tracks
 
 REACH = 0.05  # [m] a body that is carried is about so far from where it was
 CARRIED = CAUCHY * np.log(1 + (REACH / GAP) ** 2)  # [nats] by the prior of the motion
@@ -68,5 +68,6 @@ def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
     )
     slopes = np.zeros((3, n + 3, S + len(rows)))
     slopes[:, n:, S:] = -np.eye(3)[..., None]
-    both = between_actions(joined(tracks, carried), rng)
-    return both, slopes, np.r_[np.arange(S), rows]
+    pairs = zip(vars(tracks).values(), vars(carried).values(), strict=True)
+    both = Tracks(*(np.concatenate(pair, axis=-1) for pair in pairs))
+    return between_actions(both, rng), slopes, np.r_[np.arange(S), rows]

@@ -6,7 +6,7 @@ normals (iterated extended Kalman filter); the innovations add up to the log evi
 (filter_steps.py).  Process noise is Student's t, a mixture of Gaussians of which each
 track draws a scale: most steps are as predicted, but a body may slip, or snap between
 two fingers.  After an action tracks are selected and split (tracks.py).  What was
-recorded is smoothed backward (smoother.py).
+recorded is smoothed backward.
 """
 
 from __future__ import annotations
@@ -197,6 +197,36 @@ def _telling(filter, z, t) -> list[tuple]:
             if p[2] <= height + radius:
                 found.append((False, overlap, (*given, sigma)))
     return found
+
+
+def smoothed(records, samples: int, rows):
+    """Return the states (S, n + 3, samples) of the tracks `rows`, given all samples.
+
+    By the smoother of Rauch, Tung and Striebel; and the rows that these were before the
+    first record.  records: one for each sample at which something changed.
+    """
+    last = records[-1]
+    state = last.z[:, rows].T
+    path = np.empty((*state.shape, samples))
+    path[:, :, last.sample :] = state[..., None]
+    for before, after in zip(records[-2::-1], records[:0:-1], strict=True):
+        rows = rows if after.parents is None else after.parents[rows]
+        P = np.moveaxis(before.P[..., rows], -1, 0)
+        gain = P
+        if after.slopes is not None:
+            gain = P.copy()
+            gain[:, :, -3:] += np.einsum("sij,kjs->sik", P, after.slopes[..., rows])
+        predicted_P = np.moveaxis(after.predicted_P[..., rows], -1, 0)
+        off = state - after.predicted[:, rows].T
+        change = np.linalg.solve(predicted_P, off[..., None])
+        state, end = before.z[:, rows].T + (gain @ change)[..., 0], state
+        path[:, :, before.sample : after.sample] = state[..., None]
+        within = np.arange(after.since + 1, after.sample)  # samples that were left out
+        share = (within - after.since) / (after.sample - after.since)
+        path[:, :, within] += (end - state)[..., None] * share
+    first = records[0]
+    path[:, :, : first.sample] = state[..., None]
+    return path, rows if first.parents is None else first.parents[rows]
 
 
 def _upper(P) -> np.ndarray:

@@ -48,7 +48,7 @@ class Tracks:
 
     def pick(self, rows) -> Tracks:
         """Return the chosen tracks."""
-        return Tracks(**{name: a[..., rows] for name, a in vars(self).items()})
+        return Tracks(*(array[..., rows] for array in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,20 +125,8 @@ def started(z, P, fingers: int, rng) -> Tracks:
     return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
 
 
-def joined(tracks: Tracks, others: Tracks) -> Tracks:
-    """Return the tracks of two sets side by side."""
-    pairs = zip(vars(tracks).items(), vars(others).values(), strict=True)
-    return Tracks(**{name: np.concatenate([a, b], axis=-1) for (name, a), b in pairs})
-
-
 def presses(fingers, S, rng):
     return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
-
-
-def opened(tracks: Tracks, sample: int) -> list[Record]:
-    """Return the record of the tracks as they begin."""
-    z, P = tracks.z, tracks.P
-    return [Record(sample, sample, z, P, None, z, P, None)]
 
 
 def surviving(tracks):
