@@ -10,8 +10,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation import optima
-from tactilenlp.estimation.contact_frame import ContactFrame
-from tactilenlp.estimation.initial_search import searched
+from tactilenlp.estimation.initial_search import ContactFrame, searched
 from tactilenlp.interface.request import read_request
 from tactilenlp.search.hypothesis import same, varied
 from tactilenlp.search.least_motion import least_motion, unseen
@@ -144,7 +143,7 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
         )
         found.append(searched(request, [])[1])
     (best, *_), (moved, *_) = found
-    back = ContactFrame((0.5, -0.25), np.pi / 2).into(moved)
+    back = ContactFrame(np.array([0.5, -0.25, np.pi / 2])).into(moved)
     assert same(CUBOID, best, back)  # its sides may be named otherwise
     objectives = [[h.objective for h in starts] for starts in found]
     np.testing.assert_allclose(*objectives, atol=0.01)  # of solves to 1e-3
@@ -153,7 +152,7 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
 def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
     h = estimate.hypotheses[0]
     h = replace(h, offset=np.arange(6.0).reshape(3, 2) / 1e3)
-    frame = ContactFrame((0.3, -0.2), 2.0)
+    frame = ContactFrame(np.array([0.3, -0.2, 2.0]))
     back = frame.out_of(frame.into(h))
     np.testing.assert_allclose(back.x, h.x, atol=1e-15)
     np.testing.assert_allclose(back.offset, h.offset, atol=1e-15)

@@ -1,7 +1,7 @@
 """Initial search: hypotheses from which the page starts, by the class of the shape.
 
-Boxes and other shapes with sizes are tracked (search/multi_hypothesis.py), polytopes by
-supporting planes (search/polytope_init.py).
+Boxes and other shapes with sizes are tracked (search/multi_hypothesis.py) in the frame
+of the first touch, polytopes by supporting planes (search/polytope_init.py).
 """
 
 from __future__ import annotations
@@ -10,7 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..data.ground import frame_of
+from ..data.joint_offsets import JointZeros
+from ..geometry.transforms import carried, is_planar, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
 from ..nlp.term_functions import default_cache
@@ -27,7 +31,7 @@ from ..search.proposals_floating import (
     with_faces_tracked,
     with_tilted_normals,
 )
-from .contact_frame import ContactFrame
+from ..tracking.first_touch import TOP_TILT, first_contact, first_onset
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
@@ -47,7 +51,7 @@ def searched(
     if search is not None:
         found = search.starts()
         return found, found
-    reduced = _reduced_job(request)
+    reduced = reduced_job(request)
     if reduced.scene.ground is None:
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
@@ -63,12 +67,7 @@ def searched(
     return found, starts
 
 
-def search_on_ground(request: Request, kept) -> SearchInFrame:
-    """Return the search for a shape with sizes on the ground, not begun yet."""
-    return SearchInFrame.of(request, _reduced_job(request), kept)
-
-
-def _reduced_job(request: Request) -> Job:
+def reduced_job(request: Request) -> Job:
     """Return the job of a search: reduced, whatever the last solve does."""
     job = request.job_until(SEARCH_END, strict=False)
     return replace(job, reductions=Reductions())
@@ -77,12 +76,65 @@ def _reduced_job(request: Request) -> Job:
 def _search_vertices(job, plane, kept) -> list[Hypothesis]:
     """Return hypotheses of a polytope: poses and planes, then its vertices."""
     if plane is None:
-        return search_polytope(job, kept, so_far=kept)
+        return search_polytope(job, kept)
     kept[:] = [in_plane(h, plane) for h in kept]
-    found = search_polytope(job, kept, so_far=kept)
-    (other,) = search_polytope(with_tilted_normals(job), kept, so_far=kept)
+    found = search_polytope(job, kept)
+    (other,) = search_polytope(with_tilted_normals(job), kept)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*found, replace(other, objective=found[0].objective)]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactFrame:
+    """The frame of the first touch: its pose (3,) on the ground, x, y [m], yaw [rad].
+
+    Its origin is the touched point, its x axis the normal that was felt there, or the
+    way of a finger that touched the top: what a search draws, rounds and compares does
+    not depend on where the world's axes are.
+    """
+
+    pose: np.ndarray
+
+    @classmethod
+    def of(cls, job: Job, kept) -> ContactFrame:
+        """Return the frame of a job's first touch; the world's where that must stay.
+
+        It must for errors of joints, whose axes it has, and for `kept` that tilt.
+        """
+        tilts = not all(is_planar(h.x) for h in kept)
+        if tilts or isinstance(job.scene.sigma_offset, JointZeros):
+            return cls(np.zeros(3))
+        p, ahead = first_contact(job.data)
+        if np.hypot(ahead[0], ahead[1]) <= TOP_TILT:
+            t, f = first_onset(job.data)
+            places = job.data.finger_position[job.data.action == job.data.action[t], f]
+            ahead = places[-1] - places[0]
+        return cls(np.r_[p[:2], np.arctan2(ahead[1], ahead[0])])
+
+    def job(self, job: Job) -> Job:
+        """Return the job with its measurements and guesses in this frame."""
+        R = planar_matrix(-self.pose[2])
+        t = -R @ np.array([*self.pose[:2], 0.0])
+        first = tuple(
+            (name, theta, carried(x[:, None], self.pose, np.zeros(3))[:, 0])
+            for name, theta, x in job.first
+        )
+        return replace(job, data=job.data.transformed(R, t), first=first)
+
+    def into(self, h: Hypothesis) -> Hypothesis:
+        """Return a hypothesis of the ground's frame in this one."""
+        return _carried(h, self.pose, np.zeros(3))
+
+    def out_of(self, h: Hypothesis) -> Hypothesis:
+        """Return a hypothesis of this frame in the ground's."""
+        return _carried(h, np.zeros(3), self.pose)
+
+
+def _carried(h: Hypothesis, old, new) -> Hypothesis:
+    """Return a hypothesis moved by the planar motion that maps `old` to `new`."""
+    R = planar_matrix(new[2] - old[2])
+    offset = None if h.offset is None else R @ h.offset
+    return replace(h, x=carried(h.x, old, new), offset=offset)
 
 
 @dataclass(frozen=True, eq=False)

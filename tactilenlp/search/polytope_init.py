@@ -142,12 +142,12 @@ def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
     return replace(h, theta=onto.ravel())
 
 
-def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
+def search_polytope(job, kept: list) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
     And one of a body whose every face was touched, where planes and ground close one.
-    kept: a hypothesis of the first actions, if any, with any number of vertices.
-    so_far: a list that holds the hypothesis of the actions done when Ctrl-C interrupts.
+    kept: a hypothesis of the first actions, if any, with any number of vertices; when
+    Ctrl-C interrupts, it holds that of the actions done.
     At a deadline the body stays where it is after the actions done.
     Raises NoContactError where no touch is credible.
     """
@@ -163,8 +163,7 @@ def search_polytope(job, kept, so_far=None) -> list[Hypothesis]:
                 faces[:] = [extended_faces(job, faces[0] if faces else None, last)]
             return _fitted(job, faces[0])
     except KeyboardInterrupt:
-        if so_far is not None:
-            so_far[:] = [bodies_from(job, one)[0] for one in faces]
+        kept[:] = [bodies_from(job, one)[0] for one in faces]
         raise
 
 
