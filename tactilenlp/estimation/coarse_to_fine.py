@@ -22,7 +22,7 @@ from ..problem.certificates import Certificates, certify
 from ..refinement.latency import as_found, with_latency
 from ..refinement.nested_models import NUISANCES
 from ..refinement.refinement import from_scratch
-from ..search.hypothesis import Hypothesis, Job, distinct
+from ..search.hypothesis import Hypothesis, distinct
 from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
@@ -32,7 +32,7 @@ from .optima import (
     CERTIFICATES_END,
     REFINEMENT_END,
     Optima,
-    certified_best,
+    best_certified,
     optima_of,
 )
 
@@ -74,7 +74,9 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     if (known := coarse.best) is None:
         starts = [interpolated(h, data, rows) for h in coarse.starts]
         return replace(coarse, kept=kept, starts=starts)
-    dense = dense_request(request, known.job)
+    made = {name: getattr(known.job.reductions, name) for name in SELECTED}
+    job = as_found(request.job, known.job).with_reductions(**made)
+    dense = replace(request, job=job)
     starts = [interpolated(s.at, data, rows) for s in (known, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
     job = dense.job_until(REFINEMENT_END)
@@ -85,10 +87,10 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
         return Optima(job, None, [], kept, starts, coarse.searched)
     job, solved = with_latency(job, solved)  # more samples tell more of it
     job = dense.job_until(CERTIFICATES_END).as_late_as(job.precision)
-    check = partial(_certified, known)
-    best, solved = certified_best(dense, job, solved, check)
-    best = replace(best, declined=known.declined, profile=known.profile)
-    return Optima(job, best, solved, kept, starts, coarse.searched)
+    found = Optima(job, None, solved, kept, starts, coarse.searched)
+    found = best_certified(dense, found, partial(_certified, known))
+    told = {"declined": known.declined, "profile": known.profile}
+    return replace(found, best=replace(found.best, **told))
 
 
 def coarse_request(request: Request, rows) -> Request:
@@ -104,13 +106,6 @@ def coarse_request(request: Request, rows) -> Request:
     job = replace(job, deadline=early, options=options)
     data = _at_rows(request.data, rows)
     return replace(from_scratch(request), data=data, job=job)
-
-
-def dense_request(request: Request, coarse: Job) -> Request:
-    """Return the request for what was selected at the lower rate: models, ground."""
-    made = {name: getattr(coarse.reductions, name) for name in SELECTED}
-    job = as_found(request.job, coarse)
-    return replace(request, job=job.with_reductions(**made))
 
 
 def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:

@@ -83,7 +83,12 @@ def _of_kind(kind: str, again) -> tuple:
     kkt = kkt_system_of(again.problem, again.solution)
     if kind == "inverse_dynamics":
         M = inverse_dynamics(kkt, again.solution, again.window, again.shape)
-        _check_finite(M)
+        if not np.isfinite(M).all():
+            raise TactileError(
+                "the product of inverted Jacobians overflows", where="inverse_dynamics",
+                got="an infinite entry", expected="finite information",
+                next='ask for kind="exact", or for fewer actions',
+            )  # fmt: skip
         return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
     if kind == "gauss_newton":
         kkt = gauss_newton(kkt)
@@ -98,15 +103,6 @@ def _of_kind(kind: str, again) -> tuple:
         C = J @ C @ J.T
     C = (C + C.T) / 2
     return inverse(C), C
-
-
-def _check_finite(M) -> None:
-    if not np.isfinite(M).all():
-        raise TactileError(
-            "the product of inverted Jacobians overflows", where="inverse_dynamics",
-            got="an infinite entry", expected="finite information",
-            next='ask for kind="exact", or for fewer actions',
-        )  # fmt: skip
 
 
 @printed

@@ -14,7 +14,6 @@ import logging
 from dataclasses import dataclass, replace
 from functools import partial
 
-from ..common.deadline import Deadline
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
@@ -38,7 +37,7 @@ from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.local_solve import Solved, best_first, comparable
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, search_on_ground, searched
+from .initial_search import SEARCH_END, SearchInFrame, reduced_job, searched
 from .interrupted import SoFar
 
 log = logging.getLogger("tactilenlp")
@@ -90,11 +89,11 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
         other = _of_one_search(second, SoFar([], so_far.solved), update)
         found = _better(found, other)
     check = partial(checked, executor=request.executor)
-    found = _certified(request, found, check)
+    found = best_certified(request, found, check)
     sought = request.job.path is None and fits_badly(request, found.best)
     other = _solved_by_action(request, found.best.job) if sought else None
     if other is not None and _differs(other.best, found.solved):
-        found = _better(found, _certified(request, other, check))
+        found = _better(found, best_certified(request, other, check))
     best = found.best
     with found.job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
@@ -138,7 +137,8 @@ def _updated_by_few(request, so_far) -> tuple:
     asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search, enough = search_on_ground(request, so_far.kept), False
+    search = SearchInFrame.of(request, reduced_job(request), so_far.kept)
+    enough = False
     with so_far.collecting() as mine, job.deadline.ending("an update by few starts"):
         enough = updated_by_few(job, start, search.first(), search.second, mine)
     solved = best_first(mine)
@@ -154,12 +154,6 @@ def _better(found: Optima, other: Optima) -> Optima:
     if other.best is None or other.best.rank >= found.best.rank:
         return found
     return replace(other, searched=found.searched)
-
-
-def _certified(request: Request, found: Optima, check) -> Optima:
-    """Return optima of which the best one is certified."""
-    best, solved = certified_best(request, found.job, found.solved, check)
-    return replace(found, best=best, solved=solved)
 
 
 def _solved_by_action(request: Request, solved: Job) -> Optima | None:
@@ -271,12 +265,13 @@ def _with_larger_models(job, solved, freed) -> tuple[Job, list[Solved]]:
     return with_ground_for_turns(*larger)
 
 
-def certified_best(request, job, solved, check) -> tuple[Solved, list[Solved]]:
-    """Return the most probable solve, its axes named, certified; and all solves.
+def best_certified(request: Request, found: Optima, check) -> Optima:
+    """Return optima of which the most probable one has its axes named, certified.
 
     check(job, solved): certifies a solve, or returns a better one.
     """
-    solved = _with_deadline(solved, job.deadline)
+    job, solved = found.job, found.solved
+    solved = [replace(s, job=replace(s.job, deadline=job.deadline)) for s in solved]
     best, cut = solved[0], replace(job, cuts=solved[0].job.cuts)
     with job.deadline.ending("certificates"):
         best = most_probable(job, solved)
@@ -284,9 +279,4 @@ def certified_best(request, job, solved, check) -> tuple[Solved, list[Solved]]:
         solved = [named if s is best else s for s in solved]
         best = named
         best = check(cut, best)
-    return best, solved
-
-
-def _with_deadline(solved, deadline: Deadline) -> list[Solved]:
-    """Return solves whose jobs have another deadline."""
-    return [replace(s, job=replace(s.job, deadline=deadline)) for s in solved]
+    return replace(found, best=best, solved=solved)
