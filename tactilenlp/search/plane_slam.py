@@ -22,7 +22,6 @@ from ..geometry.convex_hull import (
     centroid,
     fingers_in_body,
     fitted_ball,
-    nearest,
     vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
@@ -199,15 +198,6 @@ def merged_faces(window, faces: Faces) -> Faces:
     return replace(faces, plane=label[plane], n=mean, b=b)
 
 
-def faces_touched(window, vertices, x) -> Faces:
-    """Return the planes of the touches of a known body at poses x (3, T)."""
-    centre = fingers_in_body(window.touch, x)
-    point = nearest(vertices, centre)
-    n = centre - point
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
-    return merged_faces(window, Faces(np.arange(len(n)), n, (n * point).sum(axis=1), x))
-
-
 def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
     """Return the planes and poses for the first `samples` samples of a job."""
     data = samples_until(job.data, samples)
@@ -226,10 +216,14 @@ def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
 
 
 def first_faces(window, samples: int, size: float) -> Faces:
-    """Return the planes of the first touches as measured, the body at rest."""
-    x = np.zeros((3, samples))
-    x[:2] = first_position(window, size)[:, None]
-    return Faces(*as_measured(window, window.touch, x), x)
+    """Return the planes of the first touches as measured, the body at rest.
+
+    It is behind the first touch by a typical size [m].
+    """
+    x, touch = np.zeros((3, samples)), window.touch
+    behind = (touch.radius[0] + size) * touch.normal[0, :2]
+    x[:2] = (touch.p_wf[0, :2] - behind)[:, None]
+    return Faces(*as_measured(window, touch, x), x)
 
 
 def continued_faces(window, faces: Faces, samples: int) -> Faces:
@@ -259,21 +253,19 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def centred(window, faces: Faces, size, ground) -> Faces:
     """Return the same motion with the body's origin below its centroid."""
-    shift = centroid(rough_vertices(window, faces, size, ground))[:2]
+    planes, points = touched_halfspaces(window, faces)
+    unseen = unseen_halfspaces(points, unseen_ball(points, size, ground), ground)
+    shift = centroid(vertices_behind(np.vstack([planes, unseen])))[:2]
     x = faces.x.copy()
     x[:2] += rotate_planar(x[2], *shift)
     return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
 
 
-def rough_vertices(window, faces: Faces, size, ground) -> np.ndarray:
-    """Return vertices of the intersection of the planes, the ground and a ball."""
+def touched_halfspaces(window, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
+    """Return the half-spaces (planes, 4) that hold all touched points, and these."""
     n = faces.n
     points = contact_points(window.touch, faces.x, n[faces.plane])
-    b = np.maximum(faces.b, (points @ n.T).max(axis=0))
-    ball = unseen_ball(points, size, ground)
-    return vertices_behind(
-        np.vstack([np.c_[n, b], unseen_halfspaces(points, ball, ground)])
-    )
+    return np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))], points
 
 
 def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
@@ -288,9 +280,3 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
 def unseen_ball(points, size, ground) -> Ball:
     """Return the ball that stands for the untouched side of the body."""
     return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)
-
-
-def first_position(window, size: float) -> np.ndarray:
-    """Return a first guess (2,) [m] of the body's position: behind its first touch."""
-    t = window.touch
-    return t.p_wf[0, :2] - (t.radius[0] + size) * t.normal[0, :2]

@@ -38,9 +38,9 @@ from .plane_slam import (
     SEARCH_TIME,
     SEARCH_TOLERANCE,
     Faces,
-    contact_points,
     extended_faces,
-    faces_touched,
+    merged_faces,
+    touched_halfspaces,
     unseen_ball,
     unseen_halfspaces,
 )
@@ -67,9 +67,7 @@ def polytope_from_planes(
     ground: whether there is one, at z = 0; ball: whether a ball bounds the untouched
     side. Without one, None unless planes and ground close the body.
     """
-    n = faces.n
-    points = contact_points(window.touch, faces.x, n[faces.plane])
-    planes = np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))]
+    planes, points = touched_halfspaces(window, faces)
     fitted = unseen_ball(points, size, ground)
     if ball:
         halfspaces = np.vstack([planes, unseen_halfspaces(points, fitted, ground)])
@@ -182,10 +180,8 @@ def _fitted(job, faces: Faces) -> list[Hypothesis]:
 
 def _ends(data) -> list[int]:
     """Return the samples up to each action, from the first in which one is felt."""
-    ends = [
-        int(np.nonzero(data.action == a)[0][-1]) + 1 for a in np.unique(data.action)
-    ]
-    return [last for last in ends if data.contact[:last].any()]
+    ends = np.searchsorted(data.action, np.unique(data.action), side="right")
+    return [last for last in ends.tolist() if data.contact[:last].any()]
 
 
 def bodies_from(job, faces: Faces) -> list[Hypothesis]:
@@ -240,4 +236,9 @@ def faces_of(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
     data = samples_until(job.data, h.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
-    return faces_touched(window, h.theta.reshape(-1, 3), h.x)
+    centre = fingers_in_body(window.touch, h.x)
+    point = nearest(h.theta.reshape(-1, 3), centre)
+    n = centre - point
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    b, plane = (n * point).sum(axis=1), np.arange(len(n))
+    return merged_faces(window, Faces(plane, n, b, h.x))
