@@ -25,19 +25,19 @@ FREE_WEIGHT = 0.03  # [-] of the path found, where no face determines the motion
 VERTICAL_BIAS = 1e-3  # [-] towards the world's z where touches leave it open
 
 
-def plane_of_touch(data, size: float, guess=None) -> Ground:
-    """Return the plane to search in: half of `size` [m] below the first touches.
+def search_plane(job, guess=None) -> Ground:
+    """Return the plane to search in: half a typical size below the first touches.
 
-    It contains their normals and points as well as possible; with a user's guess (a
-    Guess) its normal is the world's z.
+    It contains their normals and points as well as possible, those of a polytope within
+    it; with a user's guess (a Guess) its normal is the world's z.
     """
+    data, size = job.data, job.shape.typical_size if _rests(job.shape) else 0.0
     felt = data.contact
     first = data.action[felt.any(axis=1)][0]
     t, f = np.nonzero(felt & (data.action == first)[:, None])
     n = data.normal[t, f]
     p = data.finger_position[t, f] - data.finger_radius[f, None] * n
     if guess is not None:
-        up = np.array([0.0, 0.0, 1.0])
         position = guess.position
         height = position[2] if len(position) == 3 else p[:, 2].mean()
         return Ground(height=height - guess.side_lengths[2] / 2)
@@ -47,12 +47,6 @@ def plane_of_touch(data, size: float, guess=None) -> Ground:
     up = np.linalg.eigh(across)[1][:, 0]
     up *= np.copysign(1.0, up[np.argmax(np.abs(up))])
     return Ground(height=float(p.mean(axis=0) @ up) - size / 2, normal=tuple(up))
-
-
-def search_plane(job, guess=None) -> Ground:
-    """Return the plane to search in for a job: of a polytope, through the touches."""
-    size = job.shape.typical_size if _rests(job.shape) else 0.0
-    return plane_of_touch(job.data, size, guess)
 
 
 def _rests(shape) -> bool:
