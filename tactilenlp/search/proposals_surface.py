@@ -18,7 +18,12 @@ from scipy.optimize import least_squares
 
 from ..data.contact_segments import lasting_contacts
 from ..data.sensor_noise import in_time, turned_in_time
-from ..geometry.transforms import backward, rotate_planar
+from ..geometry.transforms import (
+    backward,
+    directions_in_body,
+    points_in_body,
+    rotate_planar,
+)
 from ..problem.poses import rotations_on_ground, upright_poses
 from ..tracking.first_touch import (
     DRAWN,
@@ -44,12 +49,12 @@ PLACE = 20e-3  # [m] typical offset of its origin
 SIGMA = 6e-3, 3e-3, 0.15  # [m, m, rad] of sizes, place, yaw of a draw
 
 
-def from_surface(data, shape, rng, count: int = DRAWN):
-    """Return states z (n + 3, count) and covariances P at the first touch."""
+def from_surface(data, shape, rng):
+    """Return DRAWN states z (n + 3, S) and their covariances P at the first touch."""
     geometry = geometry_of(shape)
     (t, f), (_, n) = first_onset(data), first_contact(data)
     centre, radius = data.finger_position[t, f], data.finger_radius[f]
-    theta = _drawn(shape, rng, TRIED * count)
+    theta = _drawn(shape, rng, TRIED * DRAWN)
     around, top = rng.uniform(0, 2 * np.pi, theta.shape[1]), np.hypot(*n[:2]) < TOP_TILT
     if top and not shape.rolls:
         theta = _as_high(geometry, theta, centre[2] - radius)
@@ -67,9 +72,9 @@ def from_surface(data, shape, rng, count: int = DRAWN):
         z[-1] = 0.0
     likely = np.exp(-(((normal[2] - n[2]) / SLOPE) ** 2) / 2)
     weight = np.where(met, likely, 0.0) + np.finfo(float).tiny
-    rows = rng.choice(len(weight), count, p=weight / weight.sum())
+    rows = rng.choice(len(weight), DRAWN, p=weight / weight.sum())
     P = np.diag(geometry.each(*SIGMA) ** 2)
-    return z[:, rows], np.repeat(P[..., None], count, axis=2)
+    return z[:, rows], np.repeat(P[..., None], DRAWN, axis=2)
 
 
 def on_poses(job, estimate) -> Hypothesis | None:
@@ -84,12 +89,8 @@ def on_poses(job, estimate) -> Hypothesis | None:
     t, f = np.nonzero(lasting_contacts(data))
     if not len(t):
         return None
-    local = np.stack(
-        rotate_planar(-x[2, t], *(data.finger_position[t, f, :2].T - x[:2, t]))
-    )
-    points = np.vstack([local, data.finger_position[t, f, 2]])
-    normal = data.normal[t, f].T
-    normal = np.vstack([*rotate_planar(-x[2, t], *normal[:2]), normal[2]])
+    points = points_in_body(x, t, data.finger_position[t, f]).T
+    normal = directions_in_body(x, t, data.normal[t, f]).T
     surface = _surface_at(shape, points, data.finger_radius[f])
     sigma = np.hypot(GAP_SIGMA, job.precision.position)
     sigma_n = np.hypot(NORMAL_SIGMA, job.precision.normal)

@@ -28,10 +28,14 @@ RIM_NORMAL, RIM_SIGMAS = 0.25, 3.0  # [-], [sigma] n_z of a touch of the rim: at
 
 
 def first_onset(data, actions=None) -> tuple[int, int]:
-    """Return sample and finger of the first touch, of some actions alone if given."""
+    """Return sample and finger of the first touch, of some actions alone if given.
+
+    Of an action in which a touch lasts, it is the first of those.
+    """
     actions = np.unique(data.action) if actions is None else actions
-    touches = (touch_onsets(data, action) for action in actions)
-    return next(touch[0] for touch in touches if touch)
+    pair = lasting_contacts(data), data.contact
+    felt = (k & (data.action == a)[:, None] for a in actions for k in pair)
+    return next(tuple(np.argwhere(k)[0].tolist()) for k in felt if k.any())
 
 
 def first_contact(data, actions=None) -> tuple[np.ndarray, np.ndarray]:
@@ -44,16 +48,16 @@ def first_contact(data, actions=None) -> tuple[np.ndarray, np.ndarray]:
     return data.finger_position[t, f] - data.finger_radius[f] * n, n
 
 
-def from_first_touch(data, shape, rng, sigma: float, count=DRAWN):
+def from_first_touch(data, shape, rng, sigma: float):
     """Return states z (6, S) and covariances P (6, 6, S) at the first touch.
 
-    sigma [rad]: noise of the normals; count: boxes about the prior's mean, to which
-    large ones are added, since the prior of sizes has heavy tails.
+    sigma [rad]: noise of the normals.  Large boxes are added to those about the prior's
+    mean, since the prior of sizes has heavy tails.
     """
     mean, contact = shape.typical_size, first_contact(data)
-    usual = np.clip(rng.normal(mean, SIZE_SPREAD, (2, count)), SMALLEST, LARGEST)
+    usual = np.clip(rng.normal(mean, SIZE_SPREAD, (2, DRAWN)), SMALLEST, LARGEST)
     poses = places_of(*usual, contact, rng)
-    large = np.exp(rng.uniform(*np.log(LARGE), (2, count * LARGE_DRAWN // DRAWN)))
+    large = np.exp(rng.uniform(*np.log(LARGE), (2, LARGE_DRAWN)))
     poses = np.hstack([poses, places_of(*large, contact, rng)])
     sides = np.hstack([usual, large])
     height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
@@ -82,16 +86,6 @@ def places_of(a, b, contact, rng) -> np.ndarray:
         u, v = a / 2, along * b
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([p[0] - c * u + s * v, p[1] - s * u - c * v, yaw])
-
-
-def touch_onsets(data, action) -> list[tuple[int, int]]:
-    """Return (sample, finger) where each finger's touch begins in an action."""
-    mine = (data.action == action)[:, None]
-    for felt in (lasting_contacts(data) & mine, data.contact & mine):
-        if felt.any():
-            found = [(int(np.argmax(felt[:, f])), f) for f in range(data.fingers)]
-            return sorted((t, f) for t, f in found if felt[t, f])
-    return []
 
 
 def body_height(data, shape, otherwise: float, sigma: float) -> float:
