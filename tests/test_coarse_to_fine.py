@@ -15,7 +15,7 @@ from tactilenlp.estimation.coarse_to_fine import (
     interpolated,
 )
 from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.multi_hypothesis import TrackedSearch, tracked_starts
+from tactilenlp.search.multi_hypothesis import TrackedSearch
 
 RATIO = 3  # samples of the dense recording in each interval of the recorded one
 
@@ -121,7 +121,7 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
     class StoppedSearch(TrackedSearch):
         def starts(self):
             first = replace(self.job, data=self.job.data.select([0]))
-            self.so_far[:] = tracked_starts(first, [], 1)
+            self.so_far[:] = TrackedSearch(first, [], 1).starts()
             raise KeyboardInterrupt
 
     monkeypatch.setattr(initial_search, "TrackedSearch", StoppedSearch)

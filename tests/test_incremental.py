@@ -18,7 +18,7 @@ from tactilenlp.refinement.incremental import (
     updated_by_few,
 )
 from tactilenlp.search.local_solve import problem_at
-from tactilenlp.search.multi_hypothesis import TrackedSearch, tracked_starts
+from tactilenlp.search.multi_hypothesis import TrackedSearch
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_what_a_search_began_with_is_not_computed_again(asked):
     starts = search.starts()
     assert all(search.lying[track] is h for track, h in solved.items())
     assert any(first[0] is h for h in starts)
-    for mine, once in zip(starts, tracked_starts(job, kept, 4), strict=True):
+    for mine, once in zip(starts, TrackedSearch(job, kept, 4).starts(), strict=True):
         np.testing.assert_array_equal(mine.x, once.x)
         assert mine.objective == once.objective
 

@@ -14,7 +14,7 @@ from tactilenlp.estimation.initial_search import ContactFrame, searched
 from tactilenlp.interface.request import read_request
 from tactilenlp.search.hypothesis import same, varied
 from tactilenlp.search.least_motion import least_motion, unseen
-from tactilenlp.search.multi_hypothesis import tracked_starts
+from tactilenlp.search.multi_hypothesis import TrackedSearch
 from tactilenlp.tracking.first_touch import body_height
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
@@ -96,7 +96,7 @@ def test_noisy_paths_without_a_touch_are_not_searched_from_scratch(estimate):
     request, _ = read_request(estimate.measurements, scene, *given)
     data = request.job.data
     job = replace(request.job, data=replace(data, valid=np.zeros_like(data.valid)))
-    found = tracked_starts(job, estimate.hypotheses, 2)
+    found = TrackedSearch(job, estimate.hypotheses, 2).starts()
     assert found
     assert np.allclose(found[0].theta, estimate.theta, atol=0.02)
 

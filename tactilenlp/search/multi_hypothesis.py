@@ -171,11 +171,6 @@ class TrackedSearch:
         return tracks
 
 
-def tracked_starts(job: Job, kept, count: int, executor=None) -> list[Hypothesis]:
-    """Return `count` starts for all actions of a job; arguments: see TrackedSearch."""
-    return TrackedSearch(job, kept, count, executor).starts()
-
-
 def complete(kept, job: Job) -> bool:
     """Tell whether hypotheses have the poses of all samples of a job."""
     return bool(kept) and kept[0].x.shape[1] == job.data.samples

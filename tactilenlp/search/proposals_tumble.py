@@ -24,7 +24,7 @@ from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
 from .local_solve import start_values
-from .multi_hypothesis import tracked_paths, tracked_starts
+from .multi_hypothesis import TrackedSearch, tracked_paths
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -159,7 +159,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         kept = []
         part = replace(job, data=job.data.select(before)) if len(before) else None
         if part is not None and part.data.contact.any():
-            kept = tracked_starts(part, (), solves, executor)
+            kept = TrackedSearch(part, (), solves, executor).starts()
         part = replace(job, data=job.data.select(until))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))
         if tumbles:
@@ -183,11 +183,14 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
     lying = [t.lying(rest) for t in tumbles]
-    later = tracked_starts(part, lying, solves, executor)
+    later = TrackedSearch(part, lying, solves, executor).starts()
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
     joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]
-    return distinct(job.shape, _costed(job, joined), width, np.inf)
+    costs = zip(joined, _costs(job, joined), strict=True)
+    costed = (replace(h, objective=cost) for h, cost in costs)
+    found = sorted(costed, key=lambda h: h.objective)
+    return distinct(job.shape, found, width, np.inf)
 
 
 def likeliest_tumbles(job, tumbles) -> list[Tumble]:
@@ -197,13 +200,6 @@ def likeliest_tumbles(job, tumbles) -> list[Tumble]:
     found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
     order = np.argsort(_costs(job, found), kind="stable")
     return [tumbles[i] for i in order[:MAX_TUMBLES]]
-
-
-def _costed(job, found) -> list[Hypothesis]:
-    """Return free hypotheses with the cost of what was felt, cheapest first."""
-    costs = zip(found, _costs(job, found), strict=True)
-    costed = (replace(h, objective=cost) for h, cost in costs)
-    return sorted(costed, key=lambda h: h.objective)
 
 
 def _costs(job, found) -> list[float]:
