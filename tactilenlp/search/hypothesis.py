@@ -154,28 +154,23 @@ class Job:
         return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
 
     def build(self, window, scene=None) -> Problem:
-        """Return the problem that the page poses of a window; scene: another one."""
-        other = scene is not None and scene is not self.scene
-        shared = {} if other else self._term_functions_of(window)
+        """Return the problem that the page poses of a window; scene: another one.
+
+        Problems of this scene share term functions where these depend on page, shape,
+        scene and motion, not on what else a window holds: a page states so by ALIKE.
+        """
+        scene, shared = self.scene if scene is None else scene, {}
+        if scene is self.scene and self.contract.alike:
+            key = (
+                *(self.page, window.motion, window.frictionless),
+                *(window.compliant, window.central, window.aligned),
+            )
+            shared = self.functions.setdefault(key, {})
         problem = Problem(
             term_functions=shared, deadline=self.deadline, noting=noting_roots
         )
-        self.page.build(problem, window, scene if other else self.scene, self.shape)
+        self.page.build(problem, window, scene, self.shape)
         return problem
-
-    def _term_functions_of(self, window) -> dict:
-        """Return the term functions that problems of the page share, if they are alike.
-
-        They are where the functions of terms depend on page, shape, scene and motion,
-        not on what else a window holds: a page states so by ALIKE.
-        """
-        if not self.contract.alike:
-            return {}
-        key = (
-            *(self.page, window.motion, window.frictionless),
-            *(window.compliant, window.central, window.aligned),
-        )
-        return self.functions.setdefault(key, {})
 
 
 def distinct(

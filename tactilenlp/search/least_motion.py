@@ -109,16 +109,13 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
     solvers = {}
     for h in tracks:
-        late = job.deadline.passed("least motion of all tracks")
-        yield h if late else _solved_from(job, problem, window, level, h, solvers)
-
-
-def _solved_from(job, problem, window, level, h: Hypothesis, solvers) -> Hypothesis:
-    """Return the optimum of least motion from a track."""
-    left = min(LEVEL_TIME, max(0.05, job.deadline.left))
-    options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
-    start = start_values(problem, window, h)
-    s = solve_levels(problem, (level,), start, options, solvers)
-    theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
-    offset = s.values.get(OFFSET)
-    return Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
+        if job.deadline.passed("least motion of all tracks"):
+            yield h
+            continue
+        left = min(LEVEL_TIME, max(0.05, job.deadline.left))
+        options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
+        start = start_values(problem, window, h)
+        s = solve_levels(problem, (level,), start, options, solvers)
+        theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
+        offset = s.values.get(OFFSET)
+        yield Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
