@@ -4,8 +4,7 @@ In: a `Job` (measurements, scene, shape, reductions).  Out: hypotheses, best fir
 a shape and a trajectory.  Boxes: multi-hypothesis tracking, then multistart.
 
 - `hypothesis`, `margins`: what is compared, by body and by objective
-- `multi_hypothesis`: the search for boxes, of `proposals`, the package `tracking`, and
-  `least_motion`
+- `multi_hypothesis`: the search for boxes, of the package `tracking` and `least_motion`
 - `proposals_surface`: bodies of any class that explain the first touch
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
 - `local_solve`, `multistart`: the page solved from starts

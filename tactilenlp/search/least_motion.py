@@ -2,7 +2,8 @@
 
 The page fits what was felt with as little motion as possible, without forces.  Its
 optimum is a second start beside each track: where the pushing model erred by a
-millimetre, physics finds another pattern of sticking and sliding from there.
+millimetre, physics finds another pattern of sticking and sliding from there.  By its
+Hessian the posterior of what was solved is a Gaussian mixture (`from_posterior`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from formulations.finger_offset import NAME as OFFSET
 from ..common.threads import on_one_thread
 from ..solvers.options import SolverOptions
 from ..solvers.solve import solve_levels
+from ..tracking.geometry import geometry_of
 from .hypothesis import Hypothesis, Job, same
 from .local_solve import LEVEL_TIME, problem_at, start_values
 from .margins import LEAST_MOTION_BEHIND
@@ -29,6 +31,10 @@ log = logging.getLogger("tactilenlp")
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
 TOLERANCE = 1e-3  # [-] of these solves: they are starts
 UNSEEN = 0.5  # expected optima that are not sought: their number rounds to none
+# [m, rad] deviations of a posterior, at most and at least:
+SIGMA_MAX = 0.02, 0.03, 0.5  # of sizes, place, yaw
+SIGMA_MIN = 1e-3, 1e-3, 0.03
+UNSEEN_INFORMATION = 1e-4  # [1 / scaled unknown^2] of an unobserved direction
 ROUND = 8  # tracks at a time over an executor: the fewest that show one optimum alone
 
 
@@ -119,3 +125,29 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
         theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
         offset = s.values.get(OFFSET)
         yield Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
+
+
+def from_posterior(job: Job, kept) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return for each hypothesis (P, along), by the Hessian of least motion.
+
+    P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): slopes of
+    the poses in these.  The job holds the data of the hypotheses' samples.
+    """
+    problem, window, _ = problem_at(replace(job, page=quasi_static))
+    data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
+    n, m = job.shape.theta, window.motion.unknowns
+    theta, poses = (problem.variables[name].span for name in ("theta", "x"))
+    geometry = geometry_of(job.shape)
+    most, least = (geometry.each(*s) for s in (SIGMA_MAX, SIGMA_MIN))
+    end = np.r_[theta, poses.stop - m : poses.stop]
+    for h in kept:
+        x = problem.pack(start_values(problem, window, h))
+        H = sum(problem.hessian(name, x, data) for name in problem.costs).toarray()
+        values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
+        vectors = vectors * scale[:, None]
+        C = (vectors / np.maximum(np.abs(values), UNSEEN_INFORMATION)) @ vectors[end].T
+        along = np.linalg.solve(C[end], C[poses].T).T.reshape(-1, m, n + m)[window.pose]
+        shrink = np.minimum(1, most / np.sqrt(np.diag(C[end])))
+        P = C[end] * np.outer(shrink, shrink) + np.diag(least**2)
+        out.append((P, along))
+    return out

@@ -1,7 +1,7 @@
 """Search for shapes with sizes by multi-hypothesis tracking.
 
     proposals       bodies that explain the first touch, a guess, or the posterior of
-                    what was solved before: a Gaussian mixture        (proposals.py)
+                    what was solved before: a Gaussian mixture
     prediction      quasi-static pushing, sample by sample            (pushing.py)
     correction      gaps and normals by an extended Kalman filter     (tracking.py)
     selection       by evidence; the best are split after each action   (tracks.py)
@@ -27,14 +27,19 @@ from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
 from ..problem.fingertips import as_spheres
-from ..tracking.carried import carried_away, with_carried
-from ..tracking.first_touch import body_height, from_first_touch
+from ..tracking.first_touch import (
+    body_height,
+    carried_away,
+    centred,
+    from_first_touch,
+    from_guess,
+    with_carried,
+)
 from ..tracking.tracking import smoothed, tracked
 from ..tracking.tracks import Filter, Record, Tracks, filter_of, parts_of, started
 from .hypothesis import Hypothesis, Job, distinct, same, varied
-from .least_motion import ROUND, Executor, least_motion
+from .least_motion import ROUND, Executor, from_posterior, least_motion
 from .margins import DECISIVE
-from .proposals import centred, from_guess, from_posterior
 from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
@@ -166,7 +171,8 @@ class TrackedSearch:
         tracks = [h for each in zip_longest(*several) for h in each if h][:count]
         if job.shape.is_box and not (kept or job.first) and job.data.actions == 1:
             # Where one touch leaves size and place open, their middle is reported.
-            middle = replace(job, first=(centred(job),))
+            data, sigma = as_spheres(job.data, job.scene), job.precision.normal
+            middle = replace(job, first=(centred(data, job.shape, sigma),))
             tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
         return tracks
 

@@ -1,14 +1,27 @@
 """Where a body may be by its first touch: Gaussians of size and pose of boxes.
 
 The touched point is on a face, on an edge beside it, or on the top; sides are drawn
-about their prior.  Tracks start from these.
+about their prior.  Tracks start from these, or from a user's guess.
+
+A box may also be carried between two actions, where nothing is recorded: the prior of
+that motion is a Cauchy density (formulations/between_actions.py).  Tracks stay where
+they are.  Where an action costs them more than to be carried would, it is tracked also
+from where its own first touch may be, with the sizes of the tracks; if that explains it
+better, all actions are.  Soft fingertips, which tracks take for rigid, cost as much as
+a body that was carried: the action must be explained better by as much again.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from formulations.between_actions import CAUCHY, GAP
+
 from ..data.contact_segments import lasting_contacts
+from .tracking import between_actions, tracked
+from .tracks import Filter, Tracks
 
 DRAWN = 1000  # boxes that explain the first touch; 300 miss some
 SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
@@ -24,6 +37,10 @@ START_SIGMA = np.r_[6e-3, 6e-3, 4e-3, 3e-3, 3e-3, 0.15]  # [m, rad] of drawn box
 OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
 BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
 TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
+REACH = 0.05  # [m] a body that is carried is about so far from where it was
+CARRIED = CAUCHY * np.log(1 + (REACH / GAP) ** 2)  # [nats] by the prior of the motion
+FARTHEST_PLACE = 20.0  # [REACH] of a place without a touch
+PLACES = 2  # of each track, one per naming of the horizontal sides
 RIM_NORMAL, RIM_SIGMAS = 0.25, 3.0  # [-], [sigma] n_z of a touch of the rim: at least
 
 
@@ -66,6 +83,30 @@ def from_first_touch(data, shape, rng, sigma: float):
     return np.array([*sides, height, *poses]), P
 
 
+def from_guess(guess, geometry, rng):
+    """Return states and covariances about a user's guess (name, theta, x)."""
+    _, theta, x = guess
+    sigma = START_SIGMA
+    if len(theta) != 3:
+        sigma = geometry.each(START_SIGMA[0], *START_SIGMA[4:])
+    off = sigma[:, None] * rng.normal(size=(len(sigma), DRAWN))
+    off[:, 0] = 0.0
+    z = np.r_[theta, x][:, None] + off
+    z[:-3] = np.maximum(z[:-3], SMALLEST / 2)
+    return z, np.repeat(np.diag(sigma**2)[..., None], DRAWN, axis=2)
+
+
+def centred(data, shape, sigma: float) -> tuple:
+    """Return the guess (name, theta, x) of a typical box, touched in mid-face."""
+    p, n = first_contact(data)
+    mean, top = shape.typical_size, np.linalg.norm(n[:2]) < TOP_TILT
+    height = body_height(data, shape, mean, sigma)
+    level = n[:2] / max(np.linalg.norm(n[:2]), 1e-9)
+    place = p[:2] if top else p[:2] - mean / 2 * level
+    yaw = 0.0 if top else np.arctan2(n[1], n[0])
+    return "middle", np.array([mean, mean, height]), np.r_[place, yaw]
+
+
 def places_of(a, b, contact, rng) -> np.ndarray:
     """Return poses (3, S) of boxes with sides a, b (S,) that explain one touch.
 
@@ -103,3 +144,50 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     return (
         max(otherwise, np.quantile(side, 0.9) + BELOW_TOP) if side.size else otherwise
     )
+
+
+def carried_away(filter: Filter, before: Tracks, after: Tracks, samples) -> bool:
+    """Tell whether an action is explained better by a body that was carried.
+
+    before, after: the tracks without and with the samples of the action.
+    """
+    if before.evidence.max() - after.evidence.max() < CARRIED:
+        return False
+    rng = np.random.default_rng(0)
+    *begun, _ = with_carried(filter, before, filter.data.action[samples[0]], rng)
+    either, _ = tracked(filter, before, samples, rng, begun)
+    return either.evidence.max() > after.evidence.max() + CARRIED
+
+
+def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
+    """Return tracks at the first sample of an action, slopes of the motion, parents.
+
+    Tracks that stayed, then those that were carried to where the first touch of the
+    action may be, or anywhere if nothing was touched; slopes (3, n + 3, S): minus one
+    where the place is forgotten.
+    """
+    n, S = len(tracks.z) - 3, tracks.z.shape[1]
+    rows = np.repeat(np.arange(S), PLACES)
+    theta, carried = tracks.z[:n, rows], tracks.pick(rows)
+    if filter.felt[filter.data.action == action].any():
+        swapped = np.arange(len(rows)) % PLACES == 1  # the side y was touched
+        a, b = (np.where(swapped, theta[i], theta[1 - i]) for i in (1, 0))
+        pose = places_of(a, b, first_contact(filter.data, [action]), rng)
+        pose[2] -= np.where(swapped, np.pi / 2, 0.0)
+    else:
+        away = REACH * np.clip(
+            rng.standard_cauchy((2, len(rows))), -FARTHEST_PLACE, FARTHEST_PLACE
+        )
+        turned = rng.uniform(-np.pi, np.pi, len(rows))
+        pose = carried.z[n:] + np.vstack([away, turned])
+    P = carried.P.copy()
+    P[n:], P[:, n:] = 0.0, 0.0
+    P[n:, n:] = np.diag(START_SIGMA[3:] ** 2)[..., None]
+    carried = replace(
+        carried, z=np.vstack([theta, pose]), P=P, evidence=carried.evidence - CARRIED
+    )
+    slopes = np.zeros((3, n + 3, S + len(rows)))
+    slopes[:, n:, S:] = -np.eye(3)[..., None]
+    pairs = zip(vars(tracks).values(), vars(carried).values(), strict=True)
+    both = Tracks(*(np.concatenate(pair, axis=-1) for pair in pairs))
+    return between_actions(both, rng), slopes, np.r_[np.arange(S), rows]
