@@ -13,7 +13,7 @@ inverse_dynamics  eq:obsinfo, past poses from the last by inverted Jacobians of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,7 +38,7 @@ from ..information.tangent_space import inverse
 from ..interface.options import Options, Session
 from ..interface.request import read_request
 from ..interface.result import Estimate
-from ..nlp.kkt import KKTSystem, kkt_system_of
+from ..nlp.kkt import kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.reductions import Reductions
 from ..search.local_solve import problem_at
@@ -140,54 +140,32 @@ def assumption_sensitivity(estimate, *, shape=None, formulation=None) -> Sensiti
     again = programme_at(estimate, shape, formulation)
     kkt = kkt_system_of(again.problem, again.solution)
     J, columns = again.tangent.jacobian, kkt.sensitivity(again.tangent.chosen)
-    by_gradient, by_constraint = (part @ J.T for part in columns)
-
-    def build(scene, window):
-        return again.sensed.build(window, scene)
-
-    found, units = assumption_sensitivities(
-        kkt, by_gradient, by_constraint, build, estimate.scene, again.window
-    )
-    return Sensitivity(again.tangent.names, found, units, again.tangent.maps)
+    moves, units, columns = {}, {}, [part @ J.T for part in columns]
+    for name, unit, step, sides in _assumptions(estimate.scene, again.window):
+        built = (again.sensed.build(window, scene) for window, scene in sides)
+        ends = [kkt_residual(problem, kkt) for problem in built]
+        moves[name], units[name] = difference(*columns, ends, step), unit
+    return Sensitivity(again.tangent.names, moves, units, again.tangent.maps)
 
 
-def assumption_sensitivities(
-    kkt: KKTSystem, by_gradient, by_constraint, build: Callable, scene, window
-) -> tuple[dict, dict]:
-    """Return the derivatives (k,) by assumption, and their units, of a solved problem.
-
-    build(scene, window) builds the problem again under other assumptions.
-    """
-    found, units, world = {}, {}, frame_of(scene.ground).rotation  # its axes: columns
-
-    def add(name, unit, changed, step):
-        ends = [kkt_residual(build(*changed(side * step)), kkt) for side in (1, -1)]
-        found[name] = difference(by_gradient, by_constraint, ends, step)
-        units[name] = unit
-
+def _assumptions(scene, window) -> Iterator[tuple[str, str, float, list]]:
+    """Yield of each assumption name, unit, step; window, scene a step to either side."""
     for name, unit in ASSUMED.items():
-        value = getattr(scene, name)
-        if value:
-            add(
-                name, unit,
-                lambda d, n=name, v=value: (replace(scene, **{n: v + d}), window),
-                ASSUMPTION_STEP * value,
-            )  # fmt: skip
+        if value := getattr(scene, name):
+            step = ASSUMPTION_STEP * value
+            ends = ({name: value + d} for d in (step, -step))
+            yield name, unit, step, [(window, replace(scene, **end)) for end in ends]
     for name, unit in (("sigma_position", "m"), ("sigma_normal", "rad")):
-        value = getattr(window, name)
-        if value > 0:
-            add(
-                name, unit,
-                lambda d, n=name, v=value: (scene, replace(window, **{n: v + d})),
-                ASSUMPTION_STEP * value,
-            )  # fmt: skip
+        if (value := getattr(window, name)) > 0:
+            step = ASSUMPTION_STEP * value
+            ends = ({name: value + d} for d in (step, -step))
+            yield name, unit, step, [(replace(window, **end), scene) for end in ends]
+    world = frame_of(scene.ground).rotation  # its axes: columns
     for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
         for axis, word in zip(world.T, "xyz", strict=True):
-            add(
-                f"finger {finger} offset {word}", "m",
-                lambda d, f=finger, a=axis: (scene, shifted(window, f, d * a)), SHIFT,
-            )  # fmt: skip
-    return found, units
+            ways = SHIFT * axis, -SHIFT * axis
+            sides = [(shifted(window, finger, way), scene) for way in ways]
+            yield f"finger {finger} offset {word}", "m", SHIFT, sides
 
 
 def shifted(window, finger: int, way: np.ndarray):
