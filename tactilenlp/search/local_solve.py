@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -185,11 +186,12 @@ def solved_from(job, hypothesis, shared=None, levels=None, before=None) -> Solve
     if not shared:
         problem, window, built = problem_at(job, hypothesis)
         shared.update(window=window, problem=problem, solvers={}, built=built)
-        shared.update(built_at=hypothesis)
+        shared["built_at"] = hypothesis
     window, problem = shared["window"], shared["problem"]
     settings = settings_of(job)
     start = start_values(problem, window, hypothesis) if before is None else before
-    first, *later = _between_rebuilds(levels or job.page.LEVELS)
+    levels = levels or job.page.LEVELS
+    first, *later = grouped(levels, lambda _, level: level.rebuild)
     solution = solve_levels(problem, first, start, settings, shared["solvers"])
     solution = solution if before is None else after(before, solution)
     solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
@@ -265,14 +267,11 @@ def continued(job, solved: Solved) -> Solved | None:
     return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])
 
 
-def _between_rebuilds(levels) -> list[list]:
-    """Return the levels in groups, a new one before each level that rebuilds."""
-    groups = [[]]
-    for level in levels:
-        if level.rebuild and groups[-1]:
-            groups.append([])
-        groups[-1].append(level)
-    return groups
+def grouped(levels, begins: Callable) -> list:
+    """Return the levels in groups, a new one where begins(the one before, level)."""
+    pairs = enumerate(pairwise(levels), 1)
+    cuts = [i for i, pair in pairs if begins(*pair)]
+    return [levels[i:k] for i, k in pairwise([0, *cuts, len(levels)])]
 
 
 def _rebuilt_for(job, solved, groups) -> Solved:

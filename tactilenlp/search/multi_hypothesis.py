@@ -71,18 +71,17 @@ class _Past:
 
     def continued(self, of: int, begin, end, tail, objective) -> Hypothesis:
         """Return the path that continues hypothesis `of`, changed to end at `begin`."""
-        theta, path = end[:-3], tail
-        words = (self.name,)
-        if self.kept:
-            h = self.kept[of]
-            change = begin - h.end
-            if abs(change[-1]) > TURNED_AS_A_WHOLE:
-                past = carried(h.x, h.x[:, -1], begin[-3:])
-            else:
-                past = h.x + (self.along[of] @ change).T
-            path, words = np.hstack([past, tail]), (*h.path, self.name)
-            return replace(h, theta=theta, x=path, objective=objective, path=words)
-        return Hypothesis(theta, path, objective, words)
+        theta = end[:-3]
+        if not self.kept:
+            return Hypothesis(theta, tail, objective, (self.name,))
+        h = self.kept[of]
+        change, words = begin - h.end, (*h.path, self.name)
+        if abs(change[-1]) > TURNED_AS_A_WHOLE:
+            past = carried(h.x, h.x[:, -1], begin[-3:])
+        else:
+            past = h.x + (self.along[of] @ change).T
+        path = np.hstack([past, tail])
+        return replace(h, theta=theta, x=path, objective=objective, path=words)
 
 
 @dataclass(frozen=True, eq=False)

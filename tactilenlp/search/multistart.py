@@ -18,7 +18,7 @@ from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
-from .local_solve import RANKING_TOLERANCE, Solved, best_first, solved_from
+from .local_solve import RANKING_TOLERANCE, Solved, best_first, grouped, solved_from
 from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
 
 log = logging.getLogger("tactilenlp")
@@ -91,7 +91,8 @@ def multistart(job, hypotheses, levels, known=(), solved=None) -> list:
 
 def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
     """Fill `rough` with solves before the last level, `solved` with those after it."""
-    shared, stages = {}, _stages(levels[:-1])
+    shared = {}  # each stage ends with a level that holds no poses
+    stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
     stage_ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
@@ -141,16 +142,6 @@ def _finish(job, level, known, solved) -> None:
         }  # fmt: skip
         end = solved_from(job, best.hypothesis, same_problem, [level], best.solution)
         solved[solved.index(best)] = replace(end, rough=best.rough)
-
-
-def _stages(levels) -> list[list]:
-    """Return the levels in groups, each of which ends with one that holds no poses."""
-    stages = [[]]
-    for level in levels:
-        stages[-1].append(level)
-        if "x" not in level.fixed:
-            stages.append([])
-    return [stage for stage in stages if stage]
 
 
 def _solved_stages(job, h, shared, stages, stage_ends):

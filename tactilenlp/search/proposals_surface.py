@@ -91,10 +91,9 @@ def on_poses(job, estimate) -> Hypothesis | None:
         return None
     points = points_in_body(x, t, data.finger_position[t, f]).T
     normal = directions_in_body(x, t, data.normal[t, f]).T
-    surface = _surface_at(shape, points, data.finger_radius[f])
     sigma = np.hypot(GAP_SIGMA, job.precision.position)
     sigma_n = np.hypot(NORMAL_SIGMA, job.precision.normal)
-    best = _fitted(shape, surface, normal, sigma, sigma_n)
+    best = _fitted(shape, points, data.finger_radius[f], normal, sigma, sigma_n)
     *off, turn = best.x[shape.theta :]
     place = x[:2] + rotate_planar(x[2], *np.array(off)[:, None])
     words = (f"poses of a {estimate.shape}",)
@@ -122,19 +121,23 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))
 
 
-def _fitted(shape, surface, normal, sigma, sigma_n):
+def _fitted(shape, points, radius, normal, sigma, sigma_n):
     """Return the best fit of sizes, place and turn: scipy's result of least squares.
 
-    surface: see _surface_at; normal (3, N): felt; sigma [m], sigma_n: of gaps and
-    normals.  From every turn by continuation: deviations are first BROAD.
+    points (3, N): centres of fingers [m] in a frame on the ground, where the body is;
+    radius (N,) [m]; normal (3, N): felt; sigma [m], sigma_n: of gaps and normals.  From
+    every turn by continuation: deviations are first BROAD.
     """
     n, (mean, deviation) = shape.theta, shape.size_prior
     low, high = (np.broadcast_to(v, n) for v in shape.bounds)
     free, found = np.full(3, np.inf), []
+    given, (gap, _, level) = upright_surface(shape)
+    each = ca.Function("surface", given, [gap, level]).map(len(radius))
 
     def residuals(z, broad):
-        gap, out = surface(z)
-        felt = np.r_[gap / sigma, ((out - normal) / sigma_n).ravel()] / broad
+        states = np.repeat(z[:, None], len(radius), 1)
+        gap, out = map(np.asarray, each(states, points, radius[None]))
+        felt = np.r_[gap[0] / sigma, ((out - normal) / sigma_n).ravel()] / broad
         return np.r_[felt, (z[:n] - mean) / deviation]
 
     begin = np.clip(np.broadcast_to(SMALL_BODY * np.array(mean), n), low, high)
@@ -149,21 +152,6 @@ def _fitted(shape, surface, normal, sigma, sigma_n):
             z = fit.x
         found.append(fit)
     return min(found, key=lambda one: one.cost)
-
-
-def _surface_at(shape, points, radius):
-    """Return a function of (theta, place, turn): gaps (N,) and normals (3, N).
-
-    points (3, N): centres of fingers [m] in a frame on the ground, where the body is.
-    """
-    given, (gap, _, level) = upright_surface(shape)
-    each = ca.Function("surface", given, [gap, level]).map(len(radius))
-
-    def surface(z):
-        gap, normal = each(np.repeat(z[:, None], len(radius), 1), points, radius[None])
-        return np.asarray(gap)[0], np.asarray(normal)
-
-    return surface
 
 
 def _drawn(shape, rng, count: int) -> np.ndarray:
