@@ -149,7 +149,7 @@ def assumption_sensitivity(estimate, *, shape=None, formulation=None) -> Sensiti
 
 
 def _assumptions(scene, window) -> Iterator[tuple[str, str, float, list]]:
-    """Yield of each assumption name, unit, step; window, scene a step to either side."""
+    """Yield of each assumption name, unit, step; window and scene to either side."""
     for name, unit in ASSUMED.items():
         if value := getattr(scene, name):
             step = ASSUMPTION_STEP * value
