@@ -86,8 +86,10 @@ def most_likely(record: Record, every=True) -> tuple[Hypothesis, float, float]:
     limit = float(np.log(len(tried) / FALSE_ALARM))
     best, most = None, -np.inf
     for hypothesis in tried:
-        if not every and _at_most(hypothesis, record, given) < limit:
-            continue
+        if not every and hypothesis.terms is not None:
+            known = sum(given[name] for name in hypothesis.terms)
+            if most_log_likelihood(record, hypothesis.terms) - known < limit:
+                continue
         terms = log_likelihood(hypothesis.repaired(), hypothesis.terms)
         gains = {name: told - given[name] for name, told in terms.items()}
         kinks = min(gains.pop("kinks", 0.0), limit - BY_OTHERS)
@@ -95,14 +97,6 @@ def most_likely(record: Record, every=True) -> tuple[Hypothesis, float, float]:
         if gain > most:
             best, most = hypothesis, gain
     return best, most, limit
-
-
-def _at_most(hypothesis: Hypothesis, record: Record, given: dict) -> float:
-    """Return an upper bound of the gain of a hypothesis [nats]."""
-    if hypothesis.terms is None:
-        return np.inf
-    known = sum(given[name] for name in hypothesis.terms)
-    return most_log_likelihood(record, hypothesis.terms) - known
 
 
 def record_of(data: Measurements, scene: Scene) -> Record:
@@ -216,10 +210,12 @@ def _of_time(record: Record) -> Iterator[Hypothesis]:
                 partial(_felt_later, record, shift, f),
             )  # fmt: skip
         if jumped[f]:
+            at_rest = record.position.copy()
+            at_rest[:, f] = at_rest[0, f]
             yield Hypothesis(
                 f"finger {f} jumps within actions", "finger_position",
                 "check that its samples have the time and action of the other fingers",
-                partial(_without_jumps, record, f), ("jumps",),
+                partial(replace, record, position=at_rest), ("jumps",),
             )  # fmt: skip
 
 
@@ -240,10 +236,3 @@ def _shifts(record: Record) -> list[int]:
     most = max(2, round(LONGEST_SHIFT / dt))
     each = np.unique(np.linspace(2, most, SHIFTS).round())
     return [*(-each[::-1]).astype(int).tolist(), *each.astype(int).tolist()]
-
-
-def _without_jumps(record: Record, f: int) -> Record:
-    """Return the record with finger f at rest."""
-    p = record.position.copy()
-    p[:, f] = p[0, f]
-    return replace(record, position=p)

@@ -9,9 +9,7 @@ import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz
-from ..common.validation import (
-    check_types,
-)
+from ..common.validation import check_types
 from ..errors import MeasurementError, OptionError, SceneError, shortened, typed_call
 from .ground import Ground, scene_number
 from .joint_offsets import JointZeros
