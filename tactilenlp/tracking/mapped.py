@@ -17,7 +17,7 @@ import numpy as np
 from ..nlp.codegen import begun, kept
 from ..nlp.term_functions import between_slices, padded
 
-SIZES = 8  # numbers of columns for which arrays are kept
+SIZES = 8  # numbers of columns, of all threads, for which arrays are kept
 
 
 class MappedFunction:
@@ -27,26 +27,20 @@ class MappedFunction:
     """
 
     def __init__(self, made: Callable[[], ca.Function]):
-        self._made, self._of_thread = made, threading.local()
+        self._made = made
+        self._arrays = lru_cache(SIZES)(self._new_arrays)  # with what evaluates them
 
     def __call__(self, *given: np.ndarray) -> list[np.ndarray]:
         """Return the results (rows, S); given: (rows, S), or (rows,) alike for all."""
         count = max(array.shape[1] for array in given if array.ndim == 2)
-        read, written, evaluate, _ = self._arrays(count)
+        read, written, evaluate, _ = self._arrays(threading.get_ident(), padded(count))
         for whole, array in zip(read, given, strict=True):
             whole[:count] = array.T
             whole[count:] = whole[count - 1]
         evaluate()
         return [np.array(whole[:count].T, order="C") for whole in written]  # copies
 
-    def _arrays(self, count: int) -> tuple:
-        """Return arrays for at least so many columns, and what evaluates them."""
-        mine = vars(self._of_thread)
-        if "arrays" not in mine:
-            mine["arrays"] = lru_cache(SIZES)(self._new_arrays)
-        return mine["arrays"](padded(count))
-
-    def _new_arrays(self, count: int) -> tuple:
+    def _new_arrays(self, thread: int, count: int) -> tuple:
         function = self._made()
         read = [np.zeros((count, function.size1_in(k))) for k in range(function.n_in())]
         written = [
