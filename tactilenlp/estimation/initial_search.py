@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
-from ..geometry.transforms import carried, is_planar, planar_matrix
+from ..geometry.transforms import carried, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
 from ..nlp.term_functions import default_cache
@@ -96,13 +96,9 @@ class ContactFrame:
     pose: np.ndarray
 
     @classmethod
-    def of(cls, job: Job, kept) -> ContactFrame:
-        """Return the frame of a job's first touch; the world's where that must stay.
-
-        It must for errors of joints, whose axes it has, and for `kept` that tilt.
-        """
-        tilts = not all(is_planar(h.x) for h in kept)
-        if tilts or isinstance(job.scene.sigma_offset, JointZeros):
+    def of(cls, job: Job) -> ContactFrame:
+        """Return the frame of a job's first touch; for errors of joints the world's."""
+        if isinstance(job.scene.sigma_offset, JointZeros):
             return cls(np.zeros(3))
         p, ahead = first_contact(job.data)
         if np.hypot(ahead[0], ahead[1]) <= TOP_TILT:
@@ -157,7 +153,7 @@ class SearchInFrame:
         job = replace(job, first=first_guess(start, job.shape, ground))
         if not default_cache().functions and job.deadline.left > AMPLE:
             problem_at(request.job)  # its compilers run beside the search
-        frame = ContactFrame.of(job, kept)
+        frame = ContactFrame.of(job)
         found = [frame.into(h) for h in kept]
         given = frame.job(job), tuple(found), starts, request.executor, found
         return cls(TrackedSearch(*given), frame, kept)
