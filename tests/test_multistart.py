@@ -109,8 +109,8 @@ def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
     other = replace(h, x=x, objective=h.objective + 1)
     assert not same(CUBOID, h, other)
     assert same(CUBOID, h, other, samples=(-1,))
-    assert len(distinct(CUBOID, [h, other], 4)) == 2
-    assert distinct(CUBOID, [other, h], 4, samples=(-1,)) == [h]
+    assert len(distinct(CUBOID, [h, other], 4, np.inf)) == 2
+    assert distinct(CUBOID, [other, h], 4, np.inf, samples=(-1,)) == [h]
 
 
 def test_free_bodies_are_the_same_where_their_corners_agree_whatever_the_axes():

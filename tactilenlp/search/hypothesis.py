@@ -25,7 +25,6 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
 from ..tracking.surface import path_outline, supports
 from ..tracking.tracks import diverse
-from .margins import START_BEHIND
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
@@ -174,7 +173,7 @@ class Job:
 
 
 def distinct(
-    shape, found, count: int, hopeless=START_BEHIND, samples=COMPARED
+    shape, found, count: int, hopeless: float, samples=COMPARED
 ) -> list[Hypothesis]:
     """Return the best `count` hypotheses of which no two are the same body.
 

@@ -8,7 +8,6 @@ on recordings: wide where problems are solved roughly, narrow where to the end.
 from __future__ import annotations
 
 # Dropped if this far behind the best:
-START_BEHIND = 60.0  # a start or a hypothesis, where problems are solved roughly
 LEAST_MOTION_BEHIND = 15.0  # before a page with physics is solved
 FAILED_BEHIND = 100.0  # after first levels that stopped early
 
