@@ -10,11 +10,7 @@ import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz, write_npz
-from ..common.validation import (
-    as_array,
-    as_floats,
-    checked_choice,
-)
+from ..common.validation import as_array, as_floats, checked_choice
 from ..errors import MeasurementError, shortened, typed_call
 
 QUATERNION_TOLERANCE = 1e-3  # [1], of the length of a quaternion
@@ -46,32 +42,27 @@ class Trajectories:
     def __post_init__(self) -> None:
         position = _numbers("position", self.position, 3, "[m]")
         quaternion = _numbers("quaternion", self.quaternion, 4, "wxyz")
-        toss = as_array(self.toss, "iu")
-        if toss is None or toss.ndim != 1:
-            got = shortened(self.toss, most=60)
-            raise _wrong("toss", "(T,) whole numbers", got)
-        if not len(toss) == len(position) == len(quaternion):
-            got = f"{len(toss)}, {len(position)} and {len(quaternion)} samples"
-            raise _wrong("toss, position, quaternion", "one length T", got)
-        _reject(
-            "position", abs(position).max(axis=1) > LARGEST_POSITION, "within 100 m"
-        )
+        toss, dt = as_array(self.toss, "iu"), as_array(self.dt, "iuf")
+        told = toss is not None and toss.ndim == 1
+        _check(told, "toss", "(T,) whole numbers", shortened(self.toss, most=60))
+        lengths = len(toss), len(position), len(quaternion)
+        got = "{}, {} and {} samples".format(*lengths)
+        one = len(set(lengths)) == 1
+        _check(one, "toss, position, quaternion", "one length T", got)
+        near = abs(position).max(axis=1) <= LARGEST_POSITION
+        _check_each(near, "position", "within 100 m")
         length = np.linalg.norm(quaternion, axis=1)
-        _reject("quaternion", abs(length - 1) > QUATERNION_TOLERANCE, "unit length")
-        dt = as_array(self.dt, "iuf")
-        if dt is None or dt.ndim or not 0 < dt < 1:
-            got = shortened(self.dt, most=60)
-            raise _wrong("dt", "one interval [s] between 0 and 1", got)
+        unit = abs(length - 1) <= QUATERNION_TOLERANCE
+        _check_each(unit, "quaternion", "unit length")
+        one = dt is not None and dt.ndim == 0 and 0 < dt < 1
+        got = shortened(self.dt, most=60)
+        _check(one, "dt", "one interval [s] between 0 and 1", got)
         _, counts = np.unique(toss, return_counts=True)
-        if np.count_nonzero(np.diff(toss)) + 1 != len(counts):
-            raise _wrong(
-                "toss",
-                "samples of one toss in a row",
-                "samples of one toss in several places",
-            )
-        if counts.min() < LEAST_SAMPLES:
-            got = f"{counts.min()} samples"
-            raise _wrong("toss", f"{LEAST_SAMPLES} samples a toss at least", got)
+        together = np.count_nonzero(np.diff(toss)) + 1 == len(counts)
+        got = "samples of one toss in several places"
+        _check(together, "toss", "samples of one toss in a row", got)
+        enough, words = counts.min() >= LEAST_SAMPLES, f"{LEAST_SAMPLES} samples a toss"
+        _check(enough, "toss", f"{words} at least", f"{counts.min()} samples")
         values = toss, position, quaternion / length[:, None], float(dt)
         for name, value in zip(TRAJECTORY_KEYS, values, strict=True):
             object.__setattr__(self, name, value)
@@ -80,11 +71,9 @@ class Trajectories:
     def load(cls, path: str | os.PathLike) -> Trajectories:
         """Read toss, position, quaternion and dt from an .npz; ignore all others."""
         arrays = read_npz(path, TRAJECTORY_KEYS)
-        missing = [key for key in TRAJECTORY_KEYS if key not in arrays]
-        if missing:
-            raise _wrong(
-                missing[0], f"the keys {', '.join(TRAJECTORY_KEYS)}", f"no {missing[0]}"
-            )
+        for key in TRAJECTORY_KEYS:
+            expected = f"the keys {', '.join(TRAJECTORY_KEYS)}"
+            _check(key in arrays, key, expected, f"no {key}")
         return cls(**arrays)
 
     def save(self, path: str | os.PathLike) -> None:
@@ -112,21 +101,21 @@ class Trajectories:
 
 def _numbers(name: str, value, width: int, unit: str) -> np.ndarray:
     array = as_floats(value)
-    if array.ndim != 2 or array.shape[1] != width or not len(array):
-        got = f"shape {array.shape}" if array.ndim > 1 else shortened(value, most=60)
-        raise _wrong(name, f"(T, {width}) {unit}", got)
-    _reject(name, ~np.isfinite(array).all(axis=1), "finite numbers")
+    fit = array.ndim == 2 and array.shape[1] == width and len(array) > 0
+    got = f"shape {array.shape}" if array.ndim > 1 else shortened(value, most=60)
+    _check(fit, name, f"(T, {width}) {unit}", got)
+    _check_each(np.isfinite(array).all(axis=1), name, "finite numbers")
     return array
 
 
-def _reject(name: str, bad: np.ndarray, expected: str) -> None:
-    if bad.any():
-        first = int(np.argmax(bad))
+def _check_each(good: np.ndarray, name: str, expected: str) -> None:
+    if not good.all():
+        first = int(np.argmin(good))
+        _check(False, name, expected, f"another at sample {first}", (first,))
+
+
+def _check(good: bool, name: str, expected: str, got: str, index=None) -> None:
+    if not good:
         raise MeasurementError(
-            "cannot be used", index=(first,), where=name, expected=expected,
-            got=f"another at sample {first}",
-        )  # fmt: skip
-
-
-def _wrong(name: str, expected: str, got: object) -> MeasurementError:
-    return MeasurementError("cannot be used", where=name, expected=expected, got=got)
+            "cannot be used", index=index, where=name, expected=expected, got=got
+        )
