@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from .contact_segments import REPEATED, intervals
+from .contact_segments import REPEATED, consecutive_contacts, intervals
 from .measurements import Measurements
 
 LONG_PAUSE = 3.0  # [sample intervals] a longer one ends a run of samples
@@ -112,9 +112,8 @@ def _rounding_of_normals(data: Measurements) -> float:
     step at the median.  Readings that are the same have the same error: they count as
     one.
     """
-    n, c, action = data.normal, data.contact, data.action
-    both = c[1:] & c[:-1] & (action[1:] == action[:-1])[:, None]
-    jumps = np.linalg.norm(n[1:] - n[:-1], axis=2)[both]
+    jumps = np.linalg.norm(np.diff(data.normal, axis=0), axis=2)
+    jumps = jumps[consecutive_contacts(data)]
     moved = jumps[jumps > SAME_NORMAL]
     if not 0 < len(moved) < len(jumps) / 2:
         return 0.0

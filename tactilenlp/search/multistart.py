@@ -18,7 +18,7 @@ from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
-from .local_solve import RANKING_TOLERANCE, Solved, best_first, grouped, solved_from
+from .local_solve import RANKING_TOLERANCE, best_first, grouped, solved_from
 from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
 
 log = logging.getLogger("tactilenlp")
@@ -115,8 +115,10 @@ def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
             break
         if any(same(job.shape, s.at, end) for end in known_ends):
             continue
-        if _far_behind(s, [*known, *solved]):
-            continue
+        good = [k.solution.objective for k in (*known, *solved) if k.solution.success]
+        margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
+        if s.solution.objective > min(good, default=np.inf) + margin:
+            continue  # too far behind the best to be solved to the end
         end = solved_from(job, s.hypothesis, shared, levels[-1:], s.solution)
         solved.append(replace(end, rough=s.at))
         known_ends.append(s.at)
@@ -163,10 +165,3 @@ def _solved_stages(job, h, shared, stages, stage_ends):
                 return found, start
         ends.append((h, found.at))
     return found, None
-
-
-def _far_behind(rough: Solved, solved) -> bool:
-    """Tell whether a rough solve is too far behind the best to be solved to the end."""
-    good = [s.solution.objective for s in solved if s.solution.success]
-    margin = LEAST_MOTION_BEHIND if rough.solution.success else FAILED_BEHIND
-    return bool(good) and rough.solution.objective > min(good) + margin

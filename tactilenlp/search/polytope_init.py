@@ -150,10 +150,12 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
     Raises NoContactError where no touch is credible.
     """
     job = replace(job, data=credible_data(job.data, job.precision.normal))
-    faces = [faces_of(job, kept[0])] if kept else []
+    faces, action = [faces_of(job, kept[0])] if kept else [], job.data.action
+    ends = np.searchsorted(action, np.unique(action), side="right").tolist()
+    ends = [last for last in ends if job.data.contact[:last].any()]
     try:
         with interruptible():
-            for i, last in enumerate(progress(_ends(job.data), "search")):
+            for i, last in enumerate(progress(ends, "search")):
                 if faces and last <= faces[0].x.shape[1]:
                     continue
                 if faces and job.deadline.passed(f"a search from action {i + 1} on"):
@@ -176,12 +178,6 @@ def _fitted(job, faces: Faces) -> list[Hypothesis]:
         replace(h, x=np.hstack([h.x, stays]))
         for h, stays in zip(found, rest, strict=True)
     ]
-
-
-def _ends(data) -> list[int]:
-    """Return the samples up to each action, from the first in which one is felt."""
-    ends = np.searchsorted(data.action, np.unique(data.action), side="right")
-    return [last for last in ends.tolist() if data.contact[:last].any()]
 
 
 def bodies_from(job, faces: Faces) -> list[Hypothesis]:
