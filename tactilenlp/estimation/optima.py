@@ -1,11 +1,10 @@
 """Optima of the page: search, local solves, model selection, certificates.
 
-Where the objective says that the search has lost the path, it is repeated from the
-first touch; where sensors were found to be late, with that latency, and where the
-ground was found to lean, on that ground.  Where the fit is not good, or the path costs
-more than physics leaves, another search solves the page after every action: its
-optima, not tracks of the filter alone, are what the next action continues.  The better
-result counts.
+A search is repeated from the first touch where the objective says that it has lost the
+path, with a latency of the sensors that was found, and on a ground that was found to
+lean.  Where the fit is not good, or the path costs more than physics leaves, another
+one solves the page after every action: its optima, not tracks of the filter alone, are
+what the next action continues.  The better result counts.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Local solves of a page, each from one hypothesis.
-
-A page poses a problem of a job's data (`problem_at`); it is solved level by level from
-a hypothesis (`solved_from`), from an earlier solution and its multipliers
-(`warm_started`), or by continuation (`continued`).
-"""
+"""Local solves of a page: from a hypothesis, from an earlier solution, continued."""
 
 from __future__ import annotations
 

@@ -1,15 +1,9 @@
 """Search for shapes with sizes by multi-hypothesis tracking.
 
-    proposals       bodies that explain the first touch, a guess, or the posterior of
-                    what was solved before: a Gaussian mixture
-    prediction      quasi-static pushing, sample by sample            (pushing.py)
-    correction      gaps and normals by an extended Kalman filter     (tracking.py)
-    selection       by evidence; the best are split after each action   (tracks.py)
-    smoothing       backward: Rauch-Tung-Striebel                     (tracking.py)
-    least motion    the quasi-static page solved from the paths   (least_motion.py)
-
-What is returned starts the local solves: paths of tracks, and optima of least motion
-from many of them, each far from the others.
+Bodies that explain the first touch, a guess, or the posterior of what was solved before
+(a Gaussian mixture) are tracked through all samples by the package `tracking`.  What is
+returned starts the local solves: paths of tracks, and optima of least motion from many
+of them (least_motion.py), each far from the others.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 `search_polytope` finds poses and supporting planes action by action (plane_slam.py),
 intersects the half-spaces behind the planes, between the touches and every free finger,
 above the ground and within a ball for the untouched side, and fits vertices and poses
-by the quasi-static page.  Where the touched planes and the ground close a body by
-themselves, a second hypothesis does without the ball.
+by the quasi-static page.
 """
 
 from __future__ import annotations

@@ -26,10 +26,9 @@ VERTICAL_BIAS = 1e-3  # [-] towards the world's z where touches leave it open
 
 
 def search_plane(job, guess=None) -> Ground:
-    """Return the plane to search in: half a typical size below the first touches.
+    """Return the plane to search in, parallel to the first touches and their normals.
 
-    It contains their normals and points as well as possible, those of a polytope within
-    it; with a user's guess (a Guess) its normal is the world's z.
+    With a user's guess (a Guess) its normal is the world's z.
     """
     data, size = job.data, job.shape.typical_size if _rests(job.shape) else 0.0
     felt = data.contact
