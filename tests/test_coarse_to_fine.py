@@ -121,7 +121,8 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
     class StoppedSearch(TrackedSearch):
         def starts(self):
             first = replace(self.job, data=self.job.data.select([0]))
-            self.so_far[:] = TrackedSearch(first, [], 1).starts()
+            found = TrackedSearch(first, [], 1).starts()
+            self.so_far[:] = [self.out_of(h) for h in found]
             raise KeyboardInterrupt
 
     monkeypatch.setattr(initial_search, "TrackedSearch", StoppedSearch)

@@ -6,8 +6,6 @@ of the first touch, polytopes by supporting planes (search/polytope_init.py).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,7 +36,7 @@ AMPLE = 60.0  # [s] with less time the search comes before what the page compile
 
 
 def searched(
-    request: Request, kept, search: SearchInFrame | None = None
+    request: Request, kept, search: TrackedSearch | None = None
 ) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Return hypotheses for the next action, and the same as the page starts from them.
 
@@ -56,7 +54,7 @@ def searched(
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
     if reduced.shape.parameters == "sizes":
-        found = SearchInFrame.of(request, reduced, kept).starts()
+        found = tracked_search(request, reduced, kept).starts()
     else:
         found = _search_vertices(reduced, plane, kept)
     if plane is None:
@@ -133,50 +131,16 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
     return replace(h, x=carried(h.x, old, new), offset=offset)
 
 
-@dataclass(frozen=True, eq=False)
-class SearchInFrame:
-    """A search for shapes with sizes in the frame of the first touch.
+def tracked_search(request: Request, job: Job, kept: list) -> TrackedSearch:
+    """Return the search for a shape with sizes, in the frame of the first touch.
 
-    kept: hypotheses of the actions done so far, in the ground's frame; a search may
-    find more of them, also if Ctrl-C ends it.
+    job: with reductions of its own; kept: see TrackedSearch.so_far.
     """
-
-    search: TrackedSearch
-    frame: ContactFrame
-    kept: list
-
-    @classmethod
-    def of(cls, request: Request, job: Job, kept: list) -> SearchInFrame:
-        """Return the search of a request, by a job with its own reductions."""
-        start, starts = request.start, request.widths[1]
-        ground = frame_of(job.scene.ground)
-        job = replace(job, first=first_guess(start, job.shape, ground))
-        if not default_cache().functions and job.deadline.left > AMPLE:
-            problem_at(request.job)  # its compilers run beside the search
-        frame = ContactFrame.of(job)
-        found = [frame.into(h) for h in kept]
-        given = frame.job(job), tuple(found), starts, request.executor, found
-        return cls(TrackedSearch(*given), frame, kept)
-
-    def starts(self) -> list[Hypothesis]:
-        """Return the starts of the page; they are `kept` for the next action."""
-        with self._keeping():
-            self.search.so_far[:] = self.search.starts()
-        return self.kept
-
-    def first(self) -> list[Hypothesis]:
-        """Return those that continue what was kept, from few tracks; best first."""
-        with self._keeping():
-            return [self.frame.out_of(h) for h in self.search.first()]
-
-    def second(self) -> Hypothesis:
-        """Return the best start of another source."""
-        with self._keeping():
-            return self.frame.out_of(self.search.second())
-
-    @contextmanager
-    def _keeping(self) -> Iterator[None]:
-        try:
-            yield
-        finally:  # also by Ctrl-C
-            self.kept[:] = [self.frame.out_of(h) for h in self.search.so_far]
+    first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
+    job = replace(job, first=first)
+    if not default_cache().functions and job.deadline.left > AMPLE:
+        problem_at(request.job)  # its compilers run beside the search
+    frame = ContactFrame.of(job)
+    job, found = frame.job(job), tuple(frame.into(h) for h in kept)
+    given = job, found, request.widths[1], request.executor
+    return TrackedSearch(*given, so_far=kept, out_of=frame.out_of)

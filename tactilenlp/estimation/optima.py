@@ -36,7 +36,7 @@ from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.local_solve import Solved, best_first, comparable
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, SearchInFrame, reduced_job, searched
+from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
 from .interrupted import SoFar
 
 log = logging.getLogger("tactilenlp")
@@ -136,7 +136,7 @@ def _updated_by_few(request, so_far) -> tuple:
     asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search = SearchInFrame.of(request, reduced_job(request), so_far.kept)
+    search = tracked_search(request, reduced_job(request), so_far.kept)
     enough = False
     with so_far.collecting() as mine, job.deadline.ending("an update by few starts"):
         enough = updated_by_few(job, start, search.first(), search.second, mine)

@@ -9,7 +9,7 @@ of them (least_motion.py), each far from the others.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -83,8 +83,9 @@ class TrackedSearch:
     """The search for the starts of a job: tracks, and optima of least motion from them.
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
-    executor: see least_motion; so_far: holds hypotheses of the actions done by Ctrl-C.
-    What it was asked for first is not computed again.
+    executor: see least_motion; so_far: holds hypotheses of the actions done, also by
+    Ctrl-C; out_of: maps a hypothesis that is found to another frame.  What it was asked
+    for first is not computed again.
     """
 
     job: Job
@@ -92,6 +93,7 @@ class TrackedSearch:
     count: int
     executor: Executor | None = None
     so_far: list = field(default_factory=list)
+    out_of: Callable[[Hypothesis], Hypothesis] = field(default=lambda h: h)
     lying: dict = field(default_factory=dict)  # of tracks: the optima of least motion
 
     def starts(self) -> list[Hypothesis]:
@@ -100,16 +102,17 @@ class TrackedSearch:
         Where `kept` are of all samples nothing is searched: they are the starts.
         """
         if complete(self.kept, self.job):
-            return list(self.kept)
+            return self._keep(self.kept)
         shape, count, tracks = self.job.shape, self.count, self._tracks()
-        self.so_far[:] = tracks[:1]
+        self._keep(tracks[:1])
         lying, starts = self._lying(tracks), []
         for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
             if not any(same(shape, h, other) for other in starts):
                 starts.append(h)
         pairs = zip(tracks, lying, strict=False)  # the last tracks need not be solved
         alone = [replace(h, objective=rest.objective) for h, rest in pairs]
-        return sorted([*starts, *alone[: count - len(starts)]], key=lambda h: h.rank)
+        starts += alone[: count - len(starts)]
+        return self._keep(sorted(starts, key=lambda h: h.rank))
 
     def first(self) -> list[Hypothesis]:
         """Return the optima of least motion that continue `kept`, the best first.
@@ -118,18 +121,23 @@ class TrackedSearch:
         """
         lying = self._lying(self._far_apart[:ROUND])
         lying = sorted(lying, key=lambda h: h.objective)
-        return distinct(self.job.shape, lying, ROUND, DECISIVE)
+        found = distinct(self.job.shape, lying, ROUND, DECISIVE)
+        return [self.out_of(h) for h in found]
 
     def second(self) -> Hypothesis:
         """Return the best track as it is: another start than least motion."""
-        return self._continued[0]
+        return self.out_of(self._continued[0])
+
+    def _keep(self, found) -> list[Hypothesis]:
+        self.so_far[:] = [self.out_of(h) for h in found]
+        return list(self.so_far)
 
     def _lying(self, tracks) -> list[Hypothesis]:
         return least_motion(self.job, tracks, self.executor, self.lying)
 
     @cached_property
     def _continued(self) -> list[Hypothesis]:
-        return tracked_paths(self.job, self.kept, SMOOTHED, self.so_far)
+        return tracked_paths(self.job, self.kept, SMOOTHED, self._keep)
 
     @cached_property
     def _far_apart(self) -> list[Hypothesis]:
@@ -175,25 +183,26 @@ def complete(kept, job: Job) -> bool:
     return bool(kept) and kept[0].x.shape[1] == job.data.samples
 
 
-def tracked_paths(job: Job, kept, count: int, so_far=None) -> list[Hypothesis]:
+def tracked_paths(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
     """Return the smoothed paths of the best tracks through all actions of a job.
 
     Their objective is the negative log evidence.  Without new samples: `kept`.
+    keep(found): is told the best path of the actions done when Ctrl-C interrupts.
     """
     if complete(kept, job):
         return list(kept)
     data = as_spheres(job.data, job.scene)
     filter = filter_of(job, kept[0].seen(data) if kept else data)
-    found = _tracked_actions(job, filter, kept, so_far, carried=False)
+    found = _tracked_actions(job, filter, kept, keep, carried=False)
     if found is None:
         log.info("the body was carried between two actions: all are tracked again")
-        past, *found = _tracked_actions(job, filter, kept, so_far, carried=True)
+        past, *found = _tracked_actions(job, filter, kept, keep, carried=True)
         found = (replace(past, name=CARRIED_ON), *found)
     past, tracks, records = found
     return _paths(past, job.data.samples, tracks, records, count)
 
 
-def _tracked_actions(job, filter, kept, so_far, carried: bool):
+def _tracked_actions(job, filter, kept, keep, carried: bool):
     """Return past, tracks and records after all actions.
 
     carried: whether a box may be elsewhere as each action begins.  If not, but that
@@ -227,8 +236,8 @@ def _tracked_actions(job, filter, kept, so_far, carried: bool):
             best = -tracks.evidence.max()
             log.info(words, i + 1, len(actions), tracks.z.shape[1], best)
     except KeyboardInterrupt:
-        if so_far is not None and whole[0] > done:
-            so_far[:] = _paths(past, *whole, 1)
+        if keep is not None and whole[0] > done:
+            keep(_paths(past, *whole, 1))
         raise
     return past, tracks, records
 
