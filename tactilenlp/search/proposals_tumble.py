@@ -101,9 +101,13 @@ def tumbled(job, kept) -> list[Tumble]:
 
     kept: planar hypotheses of the actions before, none if it is the first.
     """
-    out = []
+    data, out = job.data, []
+    side = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
+    side &= (data.action == data.action[-1])[:, None]
+    highest = data.finger_position[side][:, 2].max(initial=-np.inf)
     for h in tracked_paths(job, kept, TRACKS):
-        h = _raised(job, h)
+        height = max(h.theta[2], highest + BELOW_TOP)  # tall enough for its sides
+        h = replace(h, theta=np.r_[h.theta[:2], height])
         start, tipped = _tipped(job, h)
         for share, tip in tips_to_try(tipped) if tipped is not None else ():
             thin, name = _thinned(h, tip, share), f"tips {len(out)}"
@@ -125,17 +129,6 @@ def tips_to_try(tip: Tip) -> list:
     if tip.angle[-1] < QUARTER_TURN / 2:
         ways.append((1.0, replace(tip, end=0.0)))
     return ways
-
-
-def _raised(job, h: Hypothesis) -> Hypothesis:
-    """Return the hypothesis tall enough for the sides that were touched."""
-    data = job.data
-    touched = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
-    touched &= (data.action == data.action[-1])[:, None]
-    theta = h.theta.copy()
-    highest = data.finger_position[touched][:, 2].max(initial=-np.inf)
-    theta[2] = max(theta[2], highest + BELOW_TOP)
-    return replace(h, theta=theta)
 
 
 def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
