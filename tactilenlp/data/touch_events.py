@@ -53,7 +53,31 @@ class Record:
     @cached_property
     def events(self) -> Events:
         """The events of this record."""
-        return events_of(self.felt, self.valid, self.action)
+        felt, valid, action = self.felt, self.valid, self.action
+        free = valid & ~felt
+
+        def at(mask, step):
+            """Return the mask so many samples later, False in another action."""
+            moved = np.zeros_like(mask)
+            same = (action[abs(step) :] == action[: -abs(step)])[:, None]
+            if step > 0:
+                moved[:-step] = mask[step:] & same
+            else:
+                moved[-step:] = mask[:step] & same
+            return moved
+
+        onset = felt & at(felt, 1) & at(free, -1) & at(free, -2)
+        release = free & at(free, 1) & at(felt, -1) & at(felt, -2)
+        first = np.diff(action, prepend=action[0] - 1) != 0
+        begun = int((felt & at(felt, 1) & first[:, None]).sum())
+        pairs, before = _between_actions(felt, valid, onset, np.flatnonzero(first))
+        pairs = np.vstack([_at_once(felt, action), *pairs]).T
+        before = np.vstack([np.zeros((0, 4), int), *before]).T
+        samples_and_fingers = tuple(pairs[:4].astype(int))
+        return Events(
+            np.nonzero(onset), np.nonzero(release), begun,
+            (*samples_and_fingers, pairs[4]), tuple(before),
+        )  # fmt: skip
 
     def place(self, t, f, steps: int) -> np.ndarray:
         """Return where finger f is so many samples after t, within the action."""
@@ -80,34 +104,6 @@ class Events:
     begun: int
     pairs: tuple
     before: tuple
-
-
-def events_of(felt, valid, action) -> Events:
-    """Return the events of contact booleans (T, F) in actions (T,)."""
-    free = valid & ~felt
-
-    def at(mask, step):
-        """Return the mask so many samples later, False in another action."""
-        moved = np.zeros_like(mask)
-        same = (action[abs(step) :] == action[: -abs(step)])[:, None]
-        if step > 0:
-            moved[:-step] = mask[step:] & same
-        else:
-            moved[-step:] = mask[:step] & same
-        return moved
-
-    onset = felt & at(felt, 1) & at(free, -1) & at(free, -2)
-    release = free & at(free, 1) & at(felt, -1) & at(felt, -2)
-    first = np.diff(action, prepend=action[0] - 1) != 0
-    begun = int((felt & at(felt, 1) & first[:, None]).sum())
-    pairs, before = _between_actions(felt, valid, onset, np.flatnonzero(first))
-    pairs = np.vstack([_at_once(felt, action), *pairs]).T
-    before = np.vstack([np.zeros((0, 4), int), *before]).T
-    samples_and_fingers = tuple(pairs[:4].astype(int))
-    return Events(
-        np.nonzero(onset), np.nonzero(release), begun,
-        (*samples_and_fingers, pairs[4]), tuple(before),
-    )  # fmt: skip
 
 
 def _at_once(felt, action) -> np.ndarray:
