@@ -26,11 +26,12 @@ VERTICAL_BIAS = 1e-3  # [-] towards the world's z where touches leave it open
 
 
 def search_plane(job, guess=None) -> Ground:
-    """Return the plane to search in, parallel to the first touches and their normals.
+    """Return the plane to search in: half a typical size below the first touches.
 
-    With a user's guess (a Guess) its normal is the world's z.
+    It is along them and their normals; with a user's guess (a Guess) it is level.
     """
-    data, size = job.data, job.shape.typical_size if _rests(job.shape) else 0.0
+    on_plane = job.shape.parameters == "sizes"  # hulls may reach below it
+    data, size = job.data, job.shape.typical_size if on_plane else 0.0
     felt = data.contact
     first = data.action[felt.any(axis=1)][0]
     t, f = np.nonzero(felt & (data.action == first)[:, None])
@@ -48,15 +49,10 @@ def search_plane(job, guess=None) -> Ground:
     return Ground(height=float(p.mean(axis=0) @ up) - size / 2, normal=tuple(up))
 
 
-def _rests(shape) -> bool:
-    """Tell whether a body lies on the search plane; hulls may reach below it."""
-    return shape.parameters == "sizes"
-
-
 def in_search_plane(job, ground: Ground):
     """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
-    if not _rests(job.shape):
+    if job.shape.parameters != "sizes":
         return replace(job, data=data, functions=TermFunctions())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
     return replace(job, data=data, scene=scene, functions=TermFunctions())
