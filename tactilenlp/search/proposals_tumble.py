@@ -148,12 +148,11 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
     """
     actions, found = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
-        before, until = actions[actions < action], actions[actions <= action]
         kept = []
-        part = replace(job, data=job.data.select(before)) if len(before) else None
-        if part is not None and part.data.contact.any():
+        if job.data.contact[job.data.action < action].any():
+            part = replace(job, data=job.data.select(actions[actions < action]))
             kept = TrackedSearch(part, (), solves, executor).starts()
-        part = replace(job, data=job.data.select(until))
+        part = replace(job, data=job.data.select(actions[actions <= action]))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))
         if tumbles:
             found += continued(job, tumbles, width, solves, executor)

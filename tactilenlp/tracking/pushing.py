@@ -76,7 +76,8 @@ class _Push:
             ca.if_else(self.steep, inward, ca.DM([1, 0])),
             ca.if_else(self.steep, along, ca.DM([0, 1])),
         )
-        self.direction = [ca.vertcat(f, _cross(self.at, f)) for f in forces]
+        x, y = ca.vertsplit(self.at)
+        self.direction = [ca.vertcat(f, x * f[1] - y * f[0]) for f in forces]
         self.wanted = (
             ca.if_else(self.steep, depth, u[0]),
             ca.if_else(self.steep, met, 1) * ca.dot(forces[1], u),
@@ -163,7 +164,3 @@ def _compliance(feet, pushes, before, mu_g):
     along = ca.vertcat(-a / total, -b / total, 1)
     inverse = along @ along.T / (polar - (a**2 + b**2) / total)
     return inverse + ca.diag(ca.vertcat(1 / total, 1 / total, 0))
-
-
-def _cross(a, b):
-    return a[0] * b[1] - a[1] * b[0]
