@@ -107,47 +107,30 @@ def thinned(points, count: int) -> np.ndarray:
     Greedy: after a removal only the losses of its neighbours are computed again.
     """
     points = hull_vertices(points)
-    if len(points) <= count:
-        return points
-    neighbours = _neighbours(points)
-    loss = {i: _loss(points, i, neighbours[i]) for i in neighbours}
-    while len(loss) > count:
-        gone = min(loss, key=loss.get)
-        del loss[gone]
-        ring = sorted(neighbours.pop(gone))
-        joined = _neighbours(points[ring], ring)
-        for i in ring:
-            neighbours[i] = (neighbours[i] - {gone}) | joined[i]
-        for i in ring:
-            loss[i] = _loss(points, i, neighbours[i])
-    return points[sorted(loss)]
+    kept, loss = np.arange(len(points)), np.zeros(len(points))
+    changed = kept
+    while len(kept) > count:
+        simplices = kept[ConvexHull(points[kept]).simplices]
+        for i in changed:
+            loss[i] = _loss(points, i, _neighbours(simplices, i))
+        gone = kept[np.argmin(loss[kept])]
+        kept, changed = kept[kept != gone], _neighbours(simplices, gone)
+    return points[kept]
 
 
-def _neighbours(points, names=None) -> dict[int, set]:
-    """Return for each vertex, by name, the set of those that share an edge with it."""
-    names = range(len(points)) if names is None else names
-    found = {i: set() for i in names}
-    if len(points) < 4:
-        return {i: set(names) - {i} for i in names}
-    try:
-        simplices = ConvexHull(points).simplices
-    except QhullError:  # a flat ring: all are neighbours
-        return {i: set(names) - {i} for i in names}
-    for simplex in np.array(list(names))[simplices].tolist():
-        for i in simplex:
-            found[i] |= set(simplex) - {i}
-    return found
+def _neighbours(simplices, i: int) -> np.ndarray:
+    """Return the vertices that share an edge with vertex i."""
+    return np.setdiff1d(simplices[(simplices == i).any(axis=1)], i)
 
 
 def _loss(points, i: int, ring) -> float:
     """Return the volume [m^3] that vertex i adds to the hull of its neighbours."""
-    near = points[sorted(ring)]
     try:
-        without = ConvexHull(near).volume if len(near) > 3 else 0.0
-    except QhullError:
+        without = ConvexHull(points[ring]).volume if len(ring) > 3 else 0.0
+    except QhullError:  # a flat ring
         without = 0.0
     try:
-        return ConvexHull(np.vstack([near, points[i]])).volume - without
+        return ConvexHull(points[[*ring, i]]).volume - without
     except QhullError:
         return 0.0
 
