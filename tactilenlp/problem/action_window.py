@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .polytope_window import PolytopeWindow
-from .window import Group, Window
+from .window import Rows, Window
 
 INDEXED_BY = (
     ("near_touch", "touch"), ("near_free", "free"), ("near_push", "push"),
@@ -31,17 +31,15 @@ def of_action(window: PolytopeWindow, past, about) -> ActionWindow:
     samples = past.x.shape[1]
     lower, upper = window.holding(past.x, slice(window.pose[samples]))
     parts = dict(vars(window))
-    new = {k: parts[k].sample >= samples for k in ("touch", "free", "step", "push")}
-    new["corner"] = new["step"][window.corner.step]
-    parts |= {k: parts[k].pick(new[k]) for k in ("touch", "free", "corner")}
-    parts |= of_later_steps(window, samples)
-    at = {k: np.cumsum(rows) - 1 for k, rows in new.items()}  # where rows go
-    corner = parts["corner"]
-    parts["corner"] = replace(corner, step=at["step"][corner.step])
+    by_time = "touch", "free", "step", "push"
+    old = {k: count_before(parts[k], samples) for k in by_time}
+    old["corner"] = int((window.corner.step < old["step"]).sum())
     for name, rows in INDEXED_BY:
-        parts[name] = parts[name][new[rows]]
-    groups = {n: _later(g, new["step"], at) for n, g in window.groups.items()}
-    parts |= {"groups": groups, "lower": lower, "upper": upper}
+        parts[name] = parts[name][old[rows] :]
+    parts |= {k: parts[k].pick(slice(old[k], None)) for k in ("touch", "free")}
+    corner = window.corner.pick(slice(old["corner"], None))
+    parts["corner"] = replace(corner, step=corner.step - old["step"])
+    parts |= of_later_steps(window, samples) | {"lower": lower, "upper": upper}
     vertices = past.theta.reshape(-1, 3)
     return ActionWindow(**parts, past=vertices, information=about)
 
@@ -51,24 +49,17 @@ def of_later_steps(window: Window, samples: int) -> dict:
 
     The steps, the gaps between actions, and the pushes within the steps.
     """
-    step, push = (k.sample >= samples for k in (window.step, window.push))
-    step_at, push_at = (np.cumsum(rows) - 1 for rows in (step, push))
-    pushes = window.push.pick(push)
-    kept = {
-        name: push_at[rows[push[rows]]]
-        for name, rows in (("unfelt", window.unfelt), ("unseen", window.unseen))
-    }
-    return kept | {
-        "step": window.step.pick(step),
+    step, push = (count_before(k, samples) for k in (window.step, window.push))
+    pushes = window.push.pick(slice(push, None))
+    return {
+        "step": window.step.pick(slice(step, None)),
         "gap": window.gap.pick(window.gap.sample >= samples),
-        "push": replace(pushes, step=step_at[pushes.step]),
+        "push": replace(pushes, step=pushes.step - step),
+        "unfelt": window.unfelt[window.unfelt >= push] - push,
+        "unseen": window.unseen[window.unseen >= push] - push,
     }
 
 
-def _later(group: Group, new, at) -> Group:
-    """Return the new steps of a group; at: where steps, pushes and corners go."""
-    kept = new[group.steps]
-    return Group(
-        at["step"][group.steps[kept]], at["push"][group.pushes[kept]],
-        at["corner"][group.corners[kept]],
-    )  # fmt: skip
+def count_before(rows: Rows, samples: int) -> int:
+    """Return how many rows, in the order of time, are of the first samples."""
+    return int((rows.sample < samples).sum())

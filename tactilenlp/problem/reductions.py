@@ -27,7 +27,7 @@ from ..data.sensor_noise import contact_latency
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
 from .missing_samples import hidden_samples, possible_contact, unseen_contact
-from .window import Corners, Group, Pushes, Rests, Samples, Steps, Window
+from .window import Corners, Pushes, Rests, Samples, Steps, Window
 
 CLEARLY_FREE = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
@@ -113,7 +113,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         step=step, gap=_gaps(data, scene, pose, first),
         push=push, unfelt=push.where(data.valid & ~data.contact),
         unseen=push.where(~data.valid),
-        corner=corner, lift=lift, rest=rest, groups=_groups(len(step), push, corner),
+        corner=corner, lift=lift, rest=rest,
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         normal_error=precision.normal_error, outlier_cost=outlier_cost(scene),
@@ -283,16 +283,3 @@ def lowest_corners(shape, guess, samples) -> np.ndarray:
     up = Rotation.from_rotvec(x[3:, samples].T).as_matrix()[:, 2]
     order = np.argsort((up @ np.transpose(body)).round(9), axis=1, kind="stable")
     return every[np.sort(order[:, : len(low)], axis=1)]
-
-
-def _groups(steps, push, corner) -> dict[int, Group]:
-    members = [np.nonzero(push.step == i)[0] for i in range(steps)]
-    count = np.array([len(m) for m in members], int)
-    width = len(corner) // steps if steps else 0
-    groups = {}
-    for n in sorted(set(count.tolist())):
-        chosen = np.nonzero(count == n)[0]
-        pushes = np.array([members[i] for i in chosen], int).reshape(len(chosen), n)
-        corners = chosen[:, None] * width + np.arange(width)
-        groups[n] = Group(chosen, pushes, corners)
-    return groups

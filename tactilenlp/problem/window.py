@@ -109,7 +109,6 @@ class Window:
     unseen: those of fingers whose samples are missing (rows of push);
     lift: the ground contacts that can leave the ground (none in planar motion);
     rest: corners on the ground at poses without a step (none in planar motion);
-    groups: the steps by number of pushing fingers;
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise; normal_error: relative
     standard deviation of the latter, where it was estimated;
@@ -134,7 +133,6 @@ class Window:
     corner: Corners
     lift: Corners
     rest: Rests
-    groups: dict[int, Group]
     frictionless: tuple[str, ...]
     sigma_position: float
     sigma_normal: float
@@ -144,6 +142,19 @@ class Window:
     compliant: bool = False
     central: bool = True
     aligned: bool = True
+
+    @property
+    def groups(self) -> dict[int, Group]:
+        """The steps by number of pushing fingers."""
+        steps, groups = len(self.step), {}
+        members = [np.nonzero(self.push.step == i)[0] for i in range(steps)]
+        count = np.array([len(m) for m in members], int)
+        corners = np.arange(len(self.corner)).reshape(max(1, steps), -1)
+        for n in np.unique(count).tolist():
+            chosen = np.nonzero(count == n)[0]
+            pushes = np.array([members[i] for i in chosen], int).reshape(len(chosen), n)
+            groups[n] = Group(chosen, pushes, corners[chosen])
+        return groups
 
     def pushes_of(self, sample, finger) -> np.ndarray:
         """Return the row of push of each finger at a sample (n,), -1: it has none."""
