@@ -25,8 +25,8 @@ from tactilenlp.interface.options import Session
 from tactilenlp.interface.readout import hull_poses
 from tactilenlp.interface.request import make_job, read_request
 from tactilenlp.problem.pages import page_of, shape_of
-from tactilenlp.refinement.latency import as_found, may_be_late
 from tactilenlp.refinement.model_selection import evidence_of
+from tactilenlp.refinement.newton_steps import as_found, may_be_late
 
 SAMPLE = 1 / 30  # [s]
 

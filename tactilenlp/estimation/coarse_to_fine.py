@@ -19,8 +19,8 @@ from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
 from ..problem.certificates import Certificates, certify
-from ..refinement.latency import as_found, with_latency
 from ..refinement.nested_models import NUISANCES
+from ..refinement.newton_steps import as_found, with_latency
 from ..refinement.refinement import from_scratch
 from ..search.hypothesis import Hypothesis, distinct
 from ..search.local_solve import Solved, best_first

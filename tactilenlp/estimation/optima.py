@@ -18,12 +18,17 @@ from ..interface.request import Request
 from ..interface.result import Estimate
 from ..refinement.axis_names import with_named_axes
 from ..refinement.certification import checked, with_profiles
-from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
-from ..refinement.latency import as_found, newly_late, with_latency
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
+from ..refinement.newton_steps import (
+    as_found,
+    newly_late,
+    with_ground_for_turns,
+    with_ground_tilt,
+    with_latency,
+)
 from ..refinement.refinement import (
     fits_badly,
     from_scratch,

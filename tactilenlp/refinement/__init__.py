@@ -4,7 +4,7 @@ In: hypotheses of the search.  Out: the page solved, best first, certified.
 
 - `refinement`: multistart from the promising hypotheses
 - `axis_names`: the order of a box's axes; pages that tell them apart
-- `latency`, `ground_tilt`: late sensors, a ground that leans, by Newton steps
+- `newton_steps`: late sensors, a ground that leans
 - `nested_models`: turned sensors, compliance or centre of mass if data ask
 - `tilt`: free motion of a body that rocks, started from what felt normals tell
 - `model_selection`: the most probable optimum, the likeliest class

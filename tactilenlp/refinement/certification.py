@@ -21,7 +21,7 @@ from ..search.local_solve import (
 from ..search.margins import RESTORED
 from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
-from .ground_tilt import with_ground_tilt
+from .newton_steps import with_ground_tilt
 from .profile_likelihood import profiled
 from .tilt import explained, with_tilt
 

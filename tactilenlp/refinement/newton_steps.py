@@ -1,10 +1,14 @@
-"""The tilt of the ground, by Newton steps where touches cost more than expected.
+"""Newton steps on what a solve takes as given: tilt of the ground, latency of sensors.
 
-The ground is taken as given, or as an earlier estimate had found it.  Where a Newton
-step on its tilt (information/sensitivity.py) promises as many nats as any larger
-model must gain (nested_models.py), the ground is turned and the page solved
-again from the solution, a step at a time.  A steep tilt is found as turns of all
-sensors that are alike (formulations/finger_turn.py), from starts of the search.
+The ground is level or as the scene or an earlier estimate says, contacts and normals
+are as late as these say.  Where a Newton step on one of them, which needs no solve
+(information/sensitivity.py, consider_parameters.py), promises to lower the objective,
+the data are turned, or fingers put where they were earlier, and the page is solved
+again from the solution, a step at a time.  A tilt must gain as many nats as any larger
+model (nested_models.py); a latency more than its Laplace evidence loses, the logarithm
+of its prior over its posterior deviation, and the spread of the likelihood.  A steep
+tilt is found as turns of all sensors that are alike (formulations/finger_turn.py), from
+starts of the search.
 """
 
 from __future__ import annotations
@@ -17,6 +21,10 @@ import numpy as np
 from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
 
+from ..data.sensor_noise import LATENCY
+from ..information.consider_parameters import Doubt, late_touches
+from ..information.error_budget import Linearisation
+from ..information.measurement_noise import Sensed
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
 from ..nlp.kkt import kkt_system_of
@@ -26,11 +34,13 @@ from ..search.local_solve import (
     continued,
     warm_started,
 )
-from ..search.margins import DECISIVE, UNCHANGED
+from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
 from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
+MAX_FAILED = 3  # steps on a latency in a row that gain nothing
+LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
 
 
 def with_ground_tilt(job, solved) -> tuple:
@@ -51,11 +61,7 @@ def with_ground_tilt(job, solved) -> tuple:
         return job, solved
     ground = best.job.scene.ground
     log.info("the ground leans by %s rad", ground.tilt.round(4))
-    close = level.solution.objective + DECISIVE
-    others = [
-        _on_ground(ground, s) for s in solved[1:]
-        if s.solution.success and s.solution.objective < close
-    ]  # fmt: skip
+    others = [_on_ground(ground, s) for s in _close(solved)]
     return best.job, best_first([best, *others])
 
 
@@ -156,3 +162,85 @@ def on_ground(job, ground):
     scene = replace(job.scene, ground=ground)
     job = job.of_data(lambda data: data.transformed(R, t))
     return replace(job, scene=scene)
+
+
+def with_latency(job, solved) -> tuple:
+    """Return job and solves, best first, with the latency that the touches tell of.
+
+    Solves that are not close to the best are left out where it is another one.
+    """
+    prompt = solved[0]
+    if not (may_be_late(job) and prompt.solution.success):
+        return job, solved
+    late, doubt = _late_by_steps(prompt)
+    needed = UNCHANGED
+    if job.precision.latency == 0:
+        occam = np.log(LATENCY * np.sqrt(doubt.information))
+        needed = needed_gain(misfit_of(job, prompt).spread, occam)
+    if late.cost > prompt.cost - needed:
+        return job, solved
+    told = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
+    log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
+             1e3 * told.latency, prompt.cost - late.cost)  # fmt: skip
+    best = replace(late, job=replace(late.job, precision=told))
+    others = [warm_started(s.job.as_late_as(told), s) for s in _close(solved)]
+    return best.job, best_first([best, *others])
+
+
+def as_found(job, other):
+    """Return a job on the ground, and with the latency, of another one."""
+    return on_ground(job, other.scene.ground).as_late_as(other.precision)
+
+
+def newly_late(job, other) -> bool:
+    """Tell whether another job has a latency that a search of this one has not known.
+
+    A job with a path is not searched.
+    """
+    return other.precision.latency > job.precision.latency == 0 and job.path is None
+
+
+def may_be_late(job) -> bool:
+    """Tell whether the latency is not told, and a page be solved with another one."""
+    return job.scene.latency is None and "prompt" in job.contract.freed
+
+
+def _late_by_steps(best: Solved) -> tuple[Solved, Doubt]:
+    """Return a solve with the latency that Newton steps lead to, and the doubt left.
+
+    A step that gained more than expected is doubled next, one that gained nothing is
+    halved: contacts that begin or end make the curvature too large, or too small.
+    """
+    doubt, factor, failed = _doubt_at(best), 1.0, 0
+    while failed < MAX_FAILED:
+        if factor <= 1 and factor * doubt.gain < UNCHANGED:
+            break
+        if best.job.deadline.passed("a latency"):
+            break
+        step = np.clip(factor * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
+        told = best.job.precision
+        told = replace(told, latency=max(0.0, float(told.latency + step)))
+        late = best.job.as_late_as(told)
+        again = warm_started(late, best)
+        gained = best.cost - again.cost
+        if not again.solution.success or gained < BETTER_OPTIMUM:
+            factor, failed = factor / 2, failed + 1
+            continue
+        more = gained > doubt.gain
+        best, doubt, failed = again, _doubt_at(again), 0
+        ahead = 2 * step / doubt.mean if doubt.mean else 0.0
+        factor = max(1.0, ahead) if more else 1.0
+    return best, doubt
+
+
+def _doubt_at(solved: Solved) -> Doubt:
+    """Return what is known of the latency at a solve."""
+    job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
+    sensed = Sensed(job.data, job.precision, job.build, job.scene)
+    return late_touches(Linearisation(kkt, sensed, solved.window, job.shape))
+
+
+def _close(solved) -> list[Solved]:
+    """Return the solves that converged close to the first one, the best, without it."""
+    limit = solved[0].cost + DECISIVE
+    return [s for s in solved[1:] if s.solution.success and s.cost < limit]
