@@ -13,9 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from .fingertips import finger_poses
-from .window import Samples
-
 LONG_WAY = 10e-3  # [m] of a finger in a run, in which it may meet and leave an object
 
 
@@ -37,19 +34,6 @@ def unseen_contact(data) -> np.ndarray:
         return np.zeros_like(data.valid)
     hidden = possible_contact(data) | _travels(data)
     return ~data.valid & hidden & data.valid.any(axis=0)
-
-
-def hidden_samples(data, scene, pose) -> Samples:
-    """Return the missing samples that may hide a contact, as those that were measured.
-
-    Their normals are those that the finger felt last in the action, or next.
-    """
-    sample, finger = np.nonzero(unseen_contact(data))
-    return Samples(
-        sample, finger, pose[sample], finger_poses(data, scene)[sample, finger],
-        data.finger_radius[finger], last_felt_normal(data, sample, finger),
-        np.zeros(len(sample)),
-    )  # fmt: skip
 
 
 def _last(valid, felt, action) -> np.ndarray:
@@ -91,7 +75,6 @@ def last_felt_normal(data, sample, finger) -> np.ndarray:
     for i, (t, f) in enumerate(zip(sample, finger, strict=True)):
         rows = np.flatnonzero(felt[:, f] & (data.action == data.action[t]))
         if len(rows):
-            before = rows[rows < t]
-            nearest = before[-1] if len(before) else rows[0]
+            nearest = rows[max(0, np.searchsorted(rows, t) - 1)]
             out[i] = data.normal[nearest, f]
     return out

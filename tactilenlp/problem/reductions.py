@@ -26,7 +26,7 @@ from ..data.contact_segments import REPEATED, intervals, rate_of
 from ..data.sensor_noise import contact_latency
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
-from .missing_samples import hidden_samples, possible_contact, unseen_contact
+from .missing_samples import last_felt_normal, possible_contact, unseen_contact
 from .window import Corners, Pushes, Rests, Samples, Steps, Window
 
 CLEARLY_FREE = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
@@ -97,19 +97,20 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     moving[list(cuts)] = True
     moving &= original == np.arange(len(first))
     before, pose = np.r_[0, original[:-1]], np.cumsum(moving | first) - 1
-    everything, felt, p_wf = _finger_samples(data, scene, pose)
-    free = everything.pick(~felt)
+    p_wf = finger_poses(data, scene)
+    touch = _samples(data, p_wf, pose, data.contact)
+    free = _samples(data, p_wf, pose, data.valid & ~data.contact)
     if choice.far:
         free = _samples_in_reach(free, scene, shape, guess, precision)
     step = _steps(data, scene, pose, first, before, moving)
-    pushing = everything.pick(felt) if choice.absent else everything
-    hidden = hidden_samples(data, scene, pose)
+    pushing = touch if choice.absent else _samples(data, p_wf, pose, data.valid)
+    hidden = _samples(data, p_wf, pose, unseen_contact(data))
     hidden = _samples_in_reach(hidden, scene, shape, guess, precision)
     push = _pushes(data, p_wf, pushing, hidden, step, before)
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     return Window(
         motion=motion, finger=finger_of(scene), fingers=data.fingers,
-        poses=int(pose[-1]) + 1, pose=pose, touch=everything.pick(felt), free=free,
+        poses=int(pose[-1]) + 1, pose=pose, touch=touch, free=free,
         step=step, gap=_gaps(data, scene, pose, first),
         push=push, unfelt=push.where(data.valid & ~data.contact),
         unseen=push.where(~data.valid),
@@ -123,16 +124,14 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     )  # fmt: skip
 
 
-def _finger_samples(data, scene, pose):
-    """Return all valid samples, which of them felt contact, and finger poses."""
-    sample, finger = np.nonzero(data.valid)
-    p_wf = finger_poses(data, scene)
-    everything = Samples(
+def _samples(data, p_wf, pose, chosen) -> Samples:
+    """Return the chosen samples (T, F)."""
+    sample, finger = np.nonzero(chosen)
+    return Samples(
         sample, finger, pose[sample], p_wf[sample, finger],
         data.finger_radius[finger], data.normal[sample, finger],
         contact_latency(data)[sample, finger],
     )  # fmt: skip
-    return everything, data.contact[sample, finger], p_wf
 
 
 def friction_of(scene) -> float:
@@ -225,15 +224,19 @@ def _gaps(data, scene, pose, first) -> Steps:
 
 
 def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:
-    """Return the contacts that may carry an impulse: of samples, of hidden samples."""
+    """Return the contacts that may carry an impulse: of samples, of hidden samples.
+
+    Hidden ones are taken to have the normals that their fingers felt last, or next.
+    """
     index = np.full(len(data.time), -1)
     index[step.sample] = np.arange(len(step))
     s, f = (
         np.r_[getattr(pushing, name), getattr(hidden, name)]
         for name in ("sample", "finger")
     )
-    tangent = np.vstack([_tangents(pushing.normal), _tangents(hidden.normal)])
-    tangent[len(pushing) :][~hidden.normal.any(axis=1)] = 0, 0, 1  # most likely a side
+    n = last_felt_normal(data, hidden.sample, hidden.finger)
+    tangent = np.vstack([_tangents(pushing.normal), _tangents(n)])
+    tangent[len(pushing) :][~n.any(axis=1)] = 0, 0, 1  # most likely a side
     order = np.lexsort((f, s))
     order = order[index[s[order]] >= 0]
     s, f, tangent = s[order], f[order], tangent[order]
