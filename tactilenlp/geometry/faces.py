@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from ..common.brief import printed
 from ..common.validation import check_types
@@ -17,8 +18,6 @@ def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
     Corners are indices of points; coplanar facets are one face.
     """
-    from scipy.spatial import ConvexHull, QhullError
-
     try:
         planes = (hull := ConvexHull(points)).equations.round(5)  # one per face
     except (QhullError, ValueError) as bad:
@@ -65,10 +64,8 @@ def supporting_planes(estimate) -> SupportingPlanes:
     n = np.array([R_wo @ normal for _, normal in faces])
     p = estimate.vertices @ R_wo.T + estimate.position[-1]
     b = np.array([(p[c] @ m).max() for c, m in zip(corners, n, strict=True)])
-    sigma = np.full(len(faces), np.nan)
-    if (moves := _moves_of_corners(estimate)) is not None:
-        each = zip(corners, n, strict=True)
-        sigma = np.array([_deviations(estimate, moves[c], m).max() for c, m in each])
+    each, moves = zip(corners, n, strict=True), _moves_of_corners(estimate)
+    sigma = np.array([_deviations(estimate, moves[c], m).max() for c, m in each])
     touches = estimate.faces if estimate.faces.ndim == 1 else -np.ones(len(faces), int)
     if len(touches) != len(faces):
         raise OptionError(
@@ -88,8 +85,6 @@ def face_sigma(estimate) -> np.ndarray:
     """
     check_types(estimate=(estimate, "Estimate"))
     faces, moves = polygons(estimate.vertices), _moves_of_corners(estimate)
-    if moves is None:
-        return np.full(len(faces), np.nan)
     R_wo = estimate.rotation()
     return np.concatenate([
         _deviations(estimate, moves[corner].mean(axis=0, keepdims=True), R_wo @ n_o)
@@ -97,10 +92,10 @@ def face_sigma(estimate) -> np.ndarray:
     ])  # fmt: skip
 
 
-def _moves_of_corners(estimate) -> np.ndarray | None:
+def _moves_of_corners(estimate) -> np.ndarray:
     """Return the Jacobian of vertices by the unknowns (V, 3, k), world frame.
 
-    None if the information has no map to the corners.
+    NaN if the information has no map to the corners.
     """
     maps, vertices = estimate.information.maps, estimate.vertices
     k = maps["position"].shape[1]
@@ -109,7 +104,7 @@ def _moves_of_corners(estimate) -> np.ndarray | None:
     elif "side_lengths" in maps and len(vertices) == 8:
         corners = np.sign(vertices)[:, :, None] / 2 * maps["side_lengths"]
     else:
-        return None
+        return np.full((len(vertices), 3, k), np.nan)
     R_wo = estimate.rotation()
     turn = np.nan_to_num(maps["rotation"])  # NaN: held by a reduction
     turned = -np.cross(vertices @ R_wo.T, turn.T[:, None]).transpose(1, 2, 0)
@@ -128,7 +123,6 @@ def touched_faces(data, quaternion, threshold) -> np.ndarray:
 
     threshold [-]: least cosine between measured and face normal.
     """
-
     t, f = np.nonzero(data.contact)
     R = rotation_of(quaternion[t])
     n = R.inv().apply(data.normal[t, f])
