@@ -25,7 +25,6 @@ from ..data.sensor_noise import (
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
-from ..problem.certificates import without
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
@@ -130,7 +129,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     precision = precision_of(data, scene)
     made = options.reductions
     if scene.ground is None or shape.rolls:  # nothing keeps the object flat
-        made = without(made, ["planar"])
+        made = replace(made, planar=False)
     job = Job(
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=required_reductions(page, made), page=page, options=options,

@@ -13,7 +13,7 @@ planar  planar poses explain the touches: see outliers.py
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 from formulations.names import FREE_TERM
 
@@ -86,11 +86,6 @@ def certify(job, solved, rested: Skipped | None = None) -> Certificates:
         found.append(planar_certificate(job, solved))
     found.append(frictionless(solved))
     return Certificates(tuple(s for s in found if s is not None), cuts)
-
-
-def without(reductions: Reductions, names) -> Reductions:
-    """Return the reductions less the named ones."""
-    return replace(reductions, **dict.fromkeys(names, False))
 
 
 def far(solved, whole) -> Skipped | None:

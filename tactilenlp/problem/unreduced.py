@@ -51,8 +51,8 @@ class UnreducedProblem:
 def unreduced(job, solved) -> UnreducedProblem:
     """Return a solved page without its reductions of samples, poses and impulses."""
     h, window, solution = solved.hypothesis, solved.window, solved.solution
-    whole = replace(job.reductions, **dict.fromkeys(LEFT_OUT, False))
-    more = replace(job, reductions=whole, cuts=())
+    more = job.with_reductions(**dict.fromkeys(LEFT_OUT, False))
+    more = replace(more, cuts=())
     again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
     problem = replace(job, shape=shape).build(again)
     values, _, multipliers = transferred_values(solved, again, problem)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from ..problem.certificates import Certificates, certify, without
+from ..problem.certificates import Certificates, certify
 from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
 from ..search.local_solve import (
@@ -88,7 +88,7 @@ def certified(job, solved) -> Solved:
         if found.cuts and (not job.cuts or job.shape.parameters == "vertices"):
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
-        job = replace(job, reductions=without(job.reductions, back))
+        job = job.with_reductions(**dict.fromkeys(back, False))
         again = _solved_again(job, solved)
         if again.solution.objective > solved.solution.objective + RESTORED:
             break  # a worse optimum: the certificates state what does not hold
