@@ -81,17 +81,16 @@ class PolytopeWindow(Window):
         return theta.T[self.near_touch].reshape(len(self.touch), -1).T
 
 
-def polytope_window(window, shape, vertices, x, ground, resting=None) -> PolytopeWindow:
+def polytope_window(window, shape, vertices, x, ground, resting) -> PolytopeWindow:
     """Return the window of a polytope that starts as `vertices` at poses x (u, T).
 
     ground: whether there is one; resting: the vertices (V, 3) as which it carries its
-    weight, by default the same.
+    weight.
     """
     lower, upper = window.holding(x, [-1])
     triangles = triangles_of(vertices, 2 * len(vertices) - 4)
     stand = np.array(shape.corners, int)[:, 0]
     share = np.zeros(len(vertices))
-    resting = vertices if resting is None else resting
     share[stand] = support_shares(resting[stand], hull_moments(resting, triangles)[1:4])
     lifts = ground and not is_planar(x)
     window = with_ground_contacts(window, stand, vertices, x) if lifts else window
