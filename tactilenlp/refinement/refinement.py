@@ -83,7 +83,8 @@ def _solved_promising(job, kept, solved, start, known) -> list[Solved]:
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
     promising = in_distinct_namings(job, promising)
-    promising = [h for h in promising if not _solved_by(known, h)]
+    begun = [s.hypothesis.x for s in known]
+    promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in begun)]
     few = start is not None and promising and not known
     close = promising[0].objective + UNCHANGED if few else np.inf
     first = [h for h in promising if h.objective <= close]
@@ -102,11 +103,6 @@ def _solved_promising(job, kept, solved, start, known) -> list[Solved]:
         # Slower: they hold poses first.
         good = [*good, solved_from(job, solved[0].hypothesis)]
     return best_first(good or solved)
-
-
-def _solved_by(known, h) -> bool:
-    """Tell whether one of some solves began with a hypothesis."""
-    return any(np.array_equal(h.x, s.hypothesis.x) for s in known)
 
 
 def solved_again(job, start) -> list[Solved]:
