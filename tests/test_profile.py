@@ -205,6 +205,7 @@ class Certified:
     job: object
     rank: tuple
     profile: object = None
+    declined: tuple = ()
 
 
 def test_a_pose_is_no_surer_than_its_curvature():

@@ -1,6 +1,7 @@
 """What an estimate skips, switched off, put back: its optimum stays where it is."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,11 @@ from formulations.shape import CUBOID
 from tactilenlp import Options, solve_estimate
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
+from tactilenlp.problem.certificates import Skipped
 from tactilenlp.refinement.certification import certified
 from tactilenlp.search.local_solve import solved_from, warm_started
+
+DECLINED = Skipped("rigid", "compliance", "rigid", "gains [nats]", 1.0, 5.0, True)
 
 
 def test_every_reduction_can_be_switched_off_alone(recorded):
@@ -22,12 +26,13 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
     def job(options):
         return make_job(data, scene, CUBOID, options, time.monotonic(), page)
 
-    solved = solved_from(job(Options()), h)
+    solved = replace(solved_from(job(Options()), h), declined=(DECLINED,))
     reduced = certified(job(Options()), solved).solution
     for name in ("still", "far", "absent"):
         fewer = job(Options(reduce=[name]))
         # From the same optimum: from afar, solves end a fifth of a nat apart.
         full = certified(fewer, warm_started(fewer, solved))
+        assert DECLINED in full.skipped
         assert full.solution.success
         assert all(s.name != name for s in full.skipped)
         # an exact reduction keeps the optimum; a still span adds poses whose links
@@ -71,6 +76,8 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     less = 0.8 * still.value * static_friction.MM_PER_M
     monkeypatch.setattr(static_friction, "MM_PER_M", less)
     cut = solve_estimate(data, scene)
+    skipped = [{s.name for s in e.skipped} for e in (merged, cut)]
+    assert skipped[0] - skipped[1] == {"still"}
     poses = [len(e.unknowns["x"][0]) for e in (merged, cut, apart)]
     assert poses[0] < poses[1] <= poses[2]
     assert all(s.holds for s in cut.skipped)

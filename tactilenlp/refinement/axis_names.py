@@ -84,7 +84,6 @@ def with_named_axes(job, solved, like) -> Solved:
         return solved
     known = _renamed(job.shape, solved, order, S)
     again = warm_started(job, known)
-    again = replace(again, declined=solved.declined)
     return again if again.rank <= solved.rank else solved
 
 

@@ -64,7 +64,7 @@ def with_profiles(best) -> Solved:
     profile, better = profiled(job, best)
     if better is not None:
         again = solved_from(job, better, levels=job.page.LEVELS[-1:])
-        again = certified(job, again)
+        again = certified(job, replace(again, declined=best.declined))
         best = again if again.rank < best.rank else best
         profile, _ = profiled(job, best, seeks=False)
     return replace(best, profile=profile)
@@ -101,7 +101,7 @@ def _solved_again(job, solved) -> Solved:
     again = warm_started(job, solved)
     if again.solution.success:
         return again
-    return solved_from(job, solved.at)
+    return replace(solved_from(job, solved.at), declined=solved.declined)
 
 
 def _tumbled(job, flat, executor) -> Solved:

@@ -148,8 +148,7 @@ def _first_touched(solved: Solved):
 
 def _on_ground(ground, solved: Solved) -> Solved:
     """Solve a page again on another ground, from its solution."""
-    again = warm_started(on_ground(solved.job, ground), solved)
-    return replace(again, declined=solved.declined)
+    return warm_started(on_ground(solved.job, ground), solved)
 
 
 def on_ground(job, ground):

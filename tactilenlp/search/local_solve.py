@@ -225,7 +225,7 @@ def warm_started(
     given = start(known, window, problem)
     solution = solve_levels(problem, (last,), given, settings_of(job))
     solution.seconds["build"] += built
-    return Solved(hypothesis, problem, window, solution, job)
+    return Solved(hypothesis, problem, window, solution, job, declined=known.declined)
 
 
 def freed_to_tilt(job, slid: Solved) -> Solved:
