@@ -32,6 +32,7 @@ from ..search.local_solve import (
     Solved,
     best_first,
     continued,
+    start_values,
     warm_started,
 )
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
@@ -127,7 +128,8 @@ def implausible(solved: Solved) -> bool:
     """Tell whether a touch is not explained, or a body that friction holds jumps."""
     job = solved.job
     jump = jumps(job.data, solved.at.x).max(initial=0.0)
-    jumped = jump > jump_threshold(job.precision) and not coasts(job.scene)
+    noise = JUMP_NOISE * job.precision.position
+    jumped = jump > max(MIN_JUMP, noise) and not coasts(job.scene)
     return jumped or unexplained_touches(solved) > 0
 
 
@@ -140,11 +142,6 @@ def jumps(data, x) -> np.ndarray:
     jump = x[:, first] - x[:, first - 1]
     turn = ARM * jump[2] if is_planar(x) else 0.0
     return np.hypot(np.linalg.norm(jump[:2], axis=0), turn)
-
-
-def jump_threshold(precision) -> float:
-    """Return the longest jump [m] that measurement noise may explain."""
-    return max(MIN_JUMP, JUMP_NOISE * precision.position)
 
 
 def unexplained_touches(solved: Solved) -> int:
@@ -165,13 +162,13 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
 
     about: information (3 V, 3 V) about the vertices of the past.
     """
-    lean = replace(job, reductions=Reductions())
-    lean = replace(lean, data=credible_data(job.data, job.precision.normal))
+    data = credible_data(job.data, job.precision.normal)
+    lean = replace(job, data=data, reductions=Reductions())
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
     options = SolverOptions(
         SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE, deadline=job.deadline
     )
-    solution, term_functions = past.solution, past.problem.term_functions
+    solution = past.solution
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
@@ -179,12 +176,15 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         window, shape = window_of(job, (h.theta, h.x))
         window = of_action(window, past.at, about)
         problem = Problem(
-            term_functions=term_functions, deadline=job.deadline, noting=noting_roots
-        )
+            term_functions=past.problem.term_functions, deadline=job.deadline,
+            noting=noting_roots,
+        )  # fmt: skip
         build(problem, window, job.scene, shape)
-        known = {k: v for k, v in past.solution.values.items() if v.size == 1}
-        known = {k: v for k, v in known.items() if k in problem.variables}
-        known |= {"theta": h.theta.reshape(-1, 3).T, "x": h.x[:, window.last]}
+        known = {
+            k: v for k, v in past.solution.values.items()
+            if v.size == 1 and k in problem.variables
+        }  # fmt: skip
+        known |= start_values(problem, window, h)
         solution = after(solution, solve_levels(problem, levels, known, options))
         h = Solved(h, problem, window, solution, job).at
     return Solved(h, problem, window, solution, job)
