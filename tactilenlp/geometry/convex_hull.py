@@ -145,9 +145,8 @@ def filled(points, count: int) -> np.ndarray:
     points = np.array(points)
     while len(points) < count:
         triangles = ConvexHull(points).simplices
-        edges = np.vstack(
-            [triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]
-        )
+        pairs = [0, 1], [1, 2], [2, 0]
+        edges = np.vstack([triangles[:, pair] for pair in pairs])
         length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
         longest = edges[int(np.argmax(length))]
         points = np.vstack([points, points[longest].mean(axis=0)])

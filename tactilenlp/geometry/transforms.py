@@ -16,9 +16,7 @@ def continuous(R) -> np.ndarray:
     """Return continuous rotation vectors (n, 3) [rad] of rotations (n, 3, 3)."""
     w = Rotation.from_matrix(np.array(R)).as_rotvec()
     far = np.linalg.norm(np.diff(w, axis=0), axis=1) >= np.pi
-    first = (
-        1 + int(np.argmax(far)) if far.any() else len(w)
-    )  # w is continuous before it
+    first = 1 + int(np.argmax([*far, True]))  # w is continuous before it
     for k in range(first, len(w)):
         angle = np.linalg.norm(w[k])
         if angle > 1e-6:  # whole turns about its axis lead closest to the one before

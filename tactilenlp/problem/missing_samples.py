@@ -30,8 +30,6 @@ def possible_contact(data) -> np.ndarray:
 
 def unseen_contact(data) -> np.ndarray:
     """Tell which missing samples may hide a contact (T, F)."""
-    if data.valid.all():
-        return np.zeros_like(data.valid)
     hidden = possible_contact(data) | _travels(data)
     return ~data.valid & hidden & data.valid.any(axis=0)
 

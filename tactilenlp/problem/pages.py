@@ -164,9 +164,8 @@ def extend(
     _check_extension(base, terms, replace, without, parts)
     name = _extended_name(base, terms, (*replace, *parts), without)
     page = ModuleType(name, base.__doc__)
-    for name in INHERITED:
-        if hasattr(base, name):
-            setattr(page, name, getattr(base, name))
+    known = (name for name in INHERITED if hasattr(base, name))
+    vars(page).update({name: getattr(base, name) for name in known})
 
     def build(nlp, window, scene, shape):
         """Fill `nlp` with the base, then with the terms."""
