@@ -109,9 +109,8 @@ def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
     more = job.data.samples - samples
     x = np.hstack([past.at.x, np.repeat(past.at.x[:, -1:], more, axis=1)])
     whole, _ = incremental_polytope.window_of(job, (past.at.theta, x))
-    window = incremental_polytope.of_action(
-        whole, past.at, incremental_polytope.past_information(early)
-    )
+    known = incremental_polytope.past_information(early)
+    window = whole.of_action(past.at, known)
     for rows in (window.touch, window.free, window.step, window.push, window.gap):
         assert (rows.sample >= samples).all()
     assert (window.step.sample[window.push.step] == window.push.sample).all()

@@ -12,7 +12,6 @@ from formulations.shape import CUBOID
 from tactilenlp import solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix
-from tactilenlp.problem.action_window import of_later_steps
 from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
 from tactilenlp.problem.reductions import Reductions, reduce
 from tactilenlp.tracking.geometry import geometry_of
@@ -243,7 +242,7 @@ def test_the_steps_of_a_later_action_keep_what_was_not_seen(touched):
     data = without(data, lost)
     window = reduce(data, scene, CUBOID, precision_of(data, scene), Reductions())
     first = int(np.flatnonzero(data.action == data.action[-1])[0])
-    later = replace(window, **of_later_steps(window, first))
+    later = replace(window, **window.of_later_steps(first))
     assert len(later.unseen_steps)
     for rows in (later.step, later.push, later.gap):
         assert (rows.sample >= first).all()

@@ -38,7 +38,8 @@ class PolytopeWindow(Window):
     resting (rests,): of each rest; grounded (k,): on the ground at the last pose, the
     legs in planar motion; floor [m]: no vertex is lower at the last pose; triangles
     (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,): volume,
-    centroid and second moments; lower, upper (unknowns, poses): the last pose is held.
+    centroid and second moments; lower, upper (unknowns, poses): the last pose is held;
+    past (V, 3) [m], information (3 V, 3 V): of one action, vertices before it.
     """
 
     start: np.ndarray = None
@@ -55,6 +56,31 @@ class PolytopeWindow(Window):
     body: np.ndarray = None
     lower: np.ndarray = None
     upper: np.ndarray = None
+    past: np.ndarray = None
+    information: np.ndarray = None
+
+    def of_action(self, past, about) -> PolytopeWindow:
+        """Return the window of what comes after the samples of a past.
+
+        past: a Hypothesis, whose poses are held; about: information (3 V, 3 V) about
+        its vertices.
+        """
+        samples = past.x.shape[1]
+        lower, upper = self.holding(past.x, slice(self.pose[samples]))
+        touch, free = self.touch.since(samples), self.free.since(samples)
+        first, push = self.step.since(samples).start, self.push.since(samples)
+        stands = self.corner.step >= first
+        corner = self.corner.pick(stands)
+        return replace(
+            self, lower=lower, upper=upper,
+            touch=self.touch.pick(touch), near_touch=self.near_touch[touch],
+            free=self.free.pick(free), near_free=self.near_free[free],
+            near_push=self.near_push[push],
+            corner=replace(corner, step=corner.step - first),
+            leg=self.leg[stands], weight_share=self.weight_share[stands],
+            past=past.theta.reshape(-1, 3), information=about,
+            **self.of_later_steps(samples),
+        )  # fmt: skip
 
     def followed(self, rows, slopes) -> np.ndarray:
         """Return what moves of vertices that can lift do, as far as a pose has them.

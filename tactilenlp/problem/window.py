@@ -6,7 +6,7 @@ pose unknowns x: all samples of a still span share one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,10 @@ class Rows:
     def pick(self, rows):
         """Return the chosen instances."""
         return type(self)(**{name: a[rows] for name, a in vars(self).items()})
+
+    def since(self, sample: int) -> slice:
+        """Return the place of instances, in the order of time, from a sample on."""
+        return slice(int((self.sample < sample).sum()), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,6 +226,20 @@ class Window:
             way = way + ways[:, self.step.sample > last].sum(axis=1)
             out[:, self.pose[last] + 1 :] = way[:, None]
         return out
+
+    def of_later_steps(self, samples: int) -> dict:
+        """Return the fields of the window that are of steps after so many samples.
+
+        The steps, the gaps between actions, and the pushes within the steps.
+        """
+        step, push = self.step.since(samples), self.push.since(samples)
+        pushes = self.push.pick(push)
+        return {
+            "step": self.step.pick(step), "gap": self.gap.pick(self.gap.since(samples)),
+            "push": replace(pushes, step=pushes.step - step.start),
+            "unfelt": self.unfelt[self.unfelt >= push.start] - push.start,
+            "unseen": self.unseen[self.unseen >= push.start] - push.start,
+        }  # fmt: skip
 
     def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
         """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""

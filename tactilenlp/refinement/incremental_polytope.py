@@ -21,7 +21,6 @@ from formulations.rigid_body import ARM
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..nlp.problem import Problem
-from ..problem.action_window import of_action
 from ..problem.outliers import MIN_OF_TOUCH, left_unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import Reductions, coasts
@@ -174,7 +173,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build_pushed, extension.PUSHED),
     ):
         window, shape = window_of(job, (h.theta, h.x))
-        window = of_action(window, past.at, about)
+        window = window.of_action(past.at, about)
         problem = Problem(
             term_functions=past.problem.term_functions, deadline=job.deadline,
             noting=noting_roots,

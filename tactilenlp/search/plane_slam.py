@@ -25,7 +25,6 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
-from ..problem.action_window import of_later_steps
 from ..problem.reductions import reduce
 from ..problem.window import Rows, Window
 from ..solvers.options import SolverOptions
@@ -137,7 +136,7 @@ def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
         link=window.link[(window.link >= planes).any(axis=1)],
         behind=behind.pick(new[behind.touch] | (behind.plane >= planes)),
         outside=outside.pick(new[outside.touch] | (outside.pose >= first)),
-        **of_later_steps(window, past),
+        **window.of_later_steps(past),
     )  # fmt: skip
 
 
