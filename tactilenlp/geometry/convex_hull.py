@@ -112,7 +112,8 @@ def thinned(points, count: int) -> np.ndarray:
     while len(kept) > count:
         simplices = kept[ConvexHull(points[kept]).simplices]
         for i in changed:
-            loss[i] = _loss(points, i, _neighbours(simplices, i))
+            ring = _neighbours(simplices, i)
+            loss[i] = _volume(points[[*ring, i]]) - _volume(points[ring])
         gone = kept[np.argmin(loss[kept])]
         kept, changed = kept[kept != gone], _neighbours(simplices, gone)
     return points[kept]
@@ -123,15 +124,11 @@ def _neighbours(simplices, i: int) -> np.ndarray:
     return np.setdiff1d(simplices[(simplices == i).any(axis=1)], i)
 
 
-def _loss(points, i: int, ring) -> float:
-    """Return the volume [m^3] that vertex i adds to the hull of its neighbours."""
+def _volume(points) -> float:
+    """Return the volume [m^3] of a hull, 0 of points in a plane."""
     try:
-        without = ConvexHull(points[ring]).volume if len(ring) > 3 else 0.0
-    except QhullError:  # a flat ring
-        without = 0.0
-    try:
-        return ConvexHull(points[[*ring, i]]).volume - without
-    except QhullError:
+        return ConvexHull(points).volume
+    except (QhullError, ValueError):  # the latter of none
         return 0.0
 
 
@@ -160,9 +157,7 @@ def triangles(points, count: int) -> np.ndarray:
     a, b, c = points[tri[:, 0]], points[tri[:, 1]], points[tri[:, 2]]
     inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
     tri[inward] = tri[inward][:, ::-1]
-    out = np.zeros((count, 3), int)
-    out[: len(tri)] = tri[:count]
-    return out
+    return np.pad(tri, ((0, count - len(tri)), (0, 0)))
 
 
 def centroid(points) -> np.ndarray:
