@@ -2,13 +2,7 @@
 
 Exact reductions (far, absent, frictionless) must leave the optimum where it is; model
 reductions (still, planar) must not be contradicted by the data.  The unreduced problem,
-written out once at the solution, gives the certificates of far, absent and still:
-
-far     the free samples that were left out add nothing to the objective
-absent  the gradient by an impulse that was left out shows no descent
-still   on a ground static friction balances the forces on a body at rest; without one
-        slips would gain little (static_friction.py)
-planar  planar poses explain the touches: see outliers.py
+written out once at the solution, gives the certificates of far, absent and still.
 """
 
 from __future__ import annotations
@@ -101,7 +95,10 @@ def far(solved, whole) -> Skipped | None:
 
 
 def absent(whole) -> Skipped | None:
-    """Certify that no impulse of a finger that feels nothing lowers the objective."""
+    """Certify that no impulse of a finger that feels nothing lowers the objective.
+
+    The gradient by the impulses that were left out shows no descent.
+    """
     if "finger" not in whole.problem.variables or not len(whole.unfelt):
         return None
     variable = whole.problem.variables["finger"]
@@ -115,7 +112,10 @@ def absent(whole) -> Skipped | None:
 
 
 def still(solved, rest) -> Skipped:
-    """Certify that friction, or the absence of forces, keeps a body at rest."""
+    """Certify that a body stays at rest (static_friction.py).
+
+    On a ground friction balances the forces on it; without one slips would gain little.
+    """
     window, ground = solved.window, solved.job.scene.ground
     check, value, limit = (
         ("slips would lower the objective by [nats]", rest.gain, DECREMENT)
