@@ -73,9 +73,9 @@ def certify(job, solved, rested: Skipped | None = None) -> Certificates:
         if rested is not None:
             found.append(rested)
         elif made.still and len(solved.window.pose) > solved.window.poses:
-            rest = rest_force(job.scene, solved, whole)
-            found.append(still(solved, rest))
-            cuts = () if found[-1].holds else rest.slips
+            force, slips = rest_force(job.scene, solved, whole)
+            found.append(still(solved, force))
+            cuts = () if found[-1].holds else slips
     if made.planar:
         found.append(planar_certificate(job, solved))
     found.append(frictionless(solved))
@@ -111,18 +111,15 @@ def absent(whole) -> Skipped | None:
     )  # fmt: skip
 
 
-def still(solved, rest) -> Skipped:
+def still(solved, value) -> Skipped:
     """Certify that a body stays at rest (static_friction.py).
 
     On a ground friction balances the forces on it; without one slips would gain little.
     """
-    window, ground = solved.window, solved.job.scene.ground
-    check, value, limit = (
-        ("slips would lower the objective by [nats]", rest.gain, DECREMENT)
-        if ground is None
-        else ("largest force on a body at rest, as a share of static friction",
-              rest.share, 1.0)
-    )  # fmt: skip
+    window = solved.window
+    check, limit = "largest force on a body at rest, as a share of static friction", 1.0
+    if solved.job.scene.ground is None:
+        check, limit = "slips would lower the objective by [nats]", DECREMENT
     return Skipped(
         "still", f"{len(window.pose) - window.poses} poses",
         "nothing touched or moved the object", check, value, limit, value <= limit,

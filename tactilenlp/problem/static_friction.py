@@ -14,8 +14,6 @@ between actions were held where 5 nats spoke against it, their paths 9 sigma off
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from formulations.names import GROUND_FRICTION
@@ -32,23 +30,12 @@ MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 
-@dataclass(frozen=True, eq=False)
-class RestForce:
-    """Forces on the still spans: the largest as a share of static friction [-].
+def rest_force(scene, solved, whole) -> tuple[float, tuple[int, ...]]:
+    """Return the largest force on the still spans as a share of static friction [-].
 
-    gain [nats]: by which slips would lower the objective without a ground, else 0;
-    slips: the sample of the largest force in each span where it exceeds NEARLY_SLIPS.
-    """
-
-    share: float
-    gain: float
-    slips: tuple[int, ...]
-
-
-def rest_force(scene, solved, whole) -> RestForce:
-    """Return the forces on the still spans of a solved page against static friction.
-
-    whole: the UnreducedProblem, with a pose for every sample.
+    Without a ground: by how many nats slips would lower the objective.  And the sample
+    of the largest force in each span where it exceeds NEARLY_SLIPS.  whole: the
+    UnreducedProblem, with a pose for every sample.
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
@@ -67,14 +54,12 @@ def rest_force(scene, solved, whole) -> RestForce:
         share = max(share, size[i] / friction)
         if size[i] > NEARLY_SLIPS * friction:
             slips.append((size[i], rows[: i + 1], force[i] / size[i] / arm))
-    if not slips:
-        return RestForce(share, 0.0, ())
+    cuts = tuple(int(rows[-1]) + 1 for _, rows, _ in slips)
+    if scene.ground is not None or not slips:
+        return (0.0 if scene.ground is None else share), cuts
     force, moved, directions = zip(*slips, strict=True)
-    cuts, gain = tuple(int(rows[-1]) + 1 for rows in moved), 0.0
-    if scene.ground is None:
-        curvature = _curvatures(whole, along, moved, directions)
-        gain = float(slip_gains(np.array(force) - friction, curvature).sum())
-    return RestForce(share, gain, cuts)
+    curvature = _curvatures(whole, along, moved, directions)
+    return float(slip_gains(np.array(force) - friction, curvature).sum()), cuts
 
 
 def _spans(pose) -> list[np.ndarray]:
