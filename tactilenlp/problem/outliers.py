@@ -100,13 +100,6 @@ def unexplained(problem, window, x, data) -> np.ndarray:
     return cost > UNEXPLAINED * window.outlier_cost
 
 
-def left_unexplained(solved) -> np.ndarray:
-    """Tell which touched samples (touches,) a solved page does not explain."""
-    problem, solution = solved.problem, solved.solution
-    x, data = solution.at(problem)
-    return unexplained(problem, solved.window, x, data)
-
-
 def planar_share(evidence) -> float:
     """Return the largest share of an action's touches that planar motion leaves open.
 

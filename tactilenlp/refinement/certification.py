@@ -89,19 +89,13 @@ def certified(job, solved) -> Solved:
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = job.with_reductions(**dict.fromkeys(back, False))
-        again = _solved_again(job, solved)
+        again = warm_started(job, solved)
+        if not again.solution.success:
+            again = replace(solved_from(job, solved.at), declined=solved.declined)
         if again.solution.objective > solved.solution.objective + RESTORED:
             break  # a worse optimum: the certificates state what does not hold
         solved, found = again, certify(job, again)
     return replace(solved, certificates=found)
-
-
-def _solved_again(job, solved) -> Solved:
-    """Solve again with fewer reductions, from the solution and its multipliers."""
-    again = warm_started(job, solved)
-    if again.solution.success:
-        return again
-    return replace(solved_from(job, solved.at), declined=solved.declined)
 
 
 def _tumbled(job, flat, executor) -> Solved:

@@ -21,7 +21,7 @@ from formulations.rigid_body import ARM
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..nlp.problem import Problem
-from ..problem.outliers import MIN_OF_TOUCH, left_unexplained
+from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
@@ -145,11 +145,12 @@ def jumps(data, x) -> np.ndarray:
 
 def unexplained_touches(solved: Solved) -> int:
     """Return how many touches, of a finger in an action each, are not explained."""
-    if TOUCH_TERM not in solved.problem.terms:
+    problem, window = solved.problem, solved.window
+    if TOUCH_TERM not in problem.terms:
         return 0
-    window = solved.window
     keys = zip(window.touch.sample, window.touch.finger, strict=True)
-    wrong = dict(zip(keys, left_unexplained(solved), strict=True))
+    costly = unexplained(problem, window, *solved.solution.at(problem))
+    wrong = dict(zip(keys, costly, strict=True))
     wholes = touches(window, solved.job.data)
     return sum(
         sum(wrong[t, f] for t in samples) >= MIN_OF_TOUCH for samples, f in wholes

@@ -112,10 +112,13 @@ def _turned_by_steps(best: Solved, needed) -> Solved:
     needed [nats]: what the first step from the ground that was told must gain.
     """
     for _ in range(MAX_TILTS):
-        tilt, ground = _tilt_at(best), best.job.scene.ground
+        job, ground = best.job, best.job.scene.ground
+        given = best.window, job.data, job.scene, _first_touched(best)
+        kkt = kkt_system_of(best.problem, best.solution)
+        tilt = ground_tilt(kkt, job.build, *given)
         if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
-        if best.job.deadline.passed("a tilt of the ground"):
+        if job.deadline.passed("a tilt of the ground"):
             break
         turned = ground.turned(tilt.mean, tilt.about)
         again = _on_ground(turned, best)
@@ -130,13 +133,6 @@ def ground_may_tilt(job) -> bool:
     scene = job.scene
     known = scene.ground is None or scene.sigma_tilt == 0
     return not known and "level" in job.contract.freed
-
-
-def _tilt_at(solved: Solved):
-    """Return the GroundTilt at a solve, about where the body was touched first."""
-    job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
-    given = solved.window, job.data, job.scene, _first_touched(solved)
-    return ground_tilt(kkt, job.build, *given)
 
 
 def _first_touched(solved: Solved):
