@@ -169,8 +169,6 @@ def without_clear(window, vertices, x):
     At a gap of CLEAR_LENGTHS / alpha (eq:bool) a free sample costs nothing.
     """
     free = window.free
-    if not len(free):
-        return window
     centre = fingers_in_body(free, x)
     gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
     alpha = steepness(window.sigma_position)
@@ -184,9 +182,6 @@ def vertices_near(samples, vertices, x) -> np.ndarray:
     vertices nearer than its corners.  Then along the hull's surface the nearest to that
     point; what lies deep below the plane of the contact comes last.
     """
-    count = min(VERTICES_READ, len(vertices))
-    if not len(samples):
-        return np.zeros((0, count), int)
     centre = fingers_in_body(samples, x)
     point, on = nearest_triangles(vertices, centre)
     n = centre - point
@@ -195,7 +190,7 @@ def vertices_near(samples, vertices, x) -> np.ndarray:
     below = -np.einsum("svk,sk->sv", to, n)
     far = np.linalg.norm(to, axis=2) + DEPTH_WEIGHT * below
     np.put_along_axis(far, on, -1.0, axis=1)
-    return np.sort(np.argsort(far, axis=1, kind="stable")[:, :count], axis=1)
+    return np.sort(np.argsort(far, axis=1, kind="stable")[:, :VERTICES_READ], axis=1)
 
 
 def supporting_vertices(vertices, count: int) -> np.ndarray:
