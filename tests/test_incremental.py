@@ -54,6 +54,14 @@ def test_noise_leaves_more_optima_open_than_few_starts_find(recorded, touched, c
     assert "starts of an update" not in caplog.text
 
 
+def test_an_estimate_is_read_with_the_cuts_that_it_was_solved_with(asked, estimate):
+    job = asked[0].job
+    pose = past_solution(job, estimate).window.pose
+    within = int(np.flatnonzero(np.diff(pose) == 0)[0]) + 1  # a still span
+    cut = past_solution(job, replace(estimate, cuts=(within,))).window
+    assert (np.diff(cut.pose) - np.diff(pose)).nonzero()[0].tolist() == [within - 1]
+
+
 def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
     request, kept = asked
     (best, *_) = TrackedSearch(request.job, kept, 2).first()

@@ -58,9 +58,10 @@ def of_whole_actions(start, job: Job) -> bool:
 
 
 def past_solution(job: Job, start) -> Solved:
-    """Return the estimate as a solved page, with its own reductions."""
-    data = job.data.select(np.unique(start.measurements.action))
-    job = replace(job, data=data, reductions=Reductions(**start.reductions))
+    """Return the estimate as a solved page, with its own reductions and cuts."""
+    data, made = job.data, Reductions(**start.reductions)
+    data = data.select(np.unique(start.measurements.action))
+    job = replace(job, data=data, reductions=made, cuts=start.cuts)
     problem, window, built = problem_at(job, start.origin)
     seconds = {"build": built, "solve": 0.0}
     solution = solution_of(start, job.page)
