@@ -56,25 +56,16 @@ def directions(count: int) -> np.ndarray:
     return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
 
 
-def chebyshev_centre(halfspaces) -> tuple[np.ndarray, float]:
-    """Return the Chebyshev centre (3,) [m] and inradius [m] of an intersection.
-
-    The centre of the largest ball in it; radius -inf where it is empty.
-    """
-    A = np.c_[halfspaces[:, :3], np.ones(len(halfspaces))]
-    bounds = [(None, None)] * 3 + [(None, 1.0)]
-    found = linprog([0, 0, 0, -1], A, halfspaces[:, 3], bounds=bounds, method="highs")
-    if not found.success:
-        return np.zeros(3), -np.inf
-    return found.x[:3], float(found.x[3])
-
-
 def vertices_behind(halfspaces) -> np.ndarray:
     """Return the vertices (V, 3) [m] of the intersection of half-spaces (n, 4).
 
-    Raises TactileError if it is empty or thinner than LEAST_INRADIUS.
+    It is expanded from its Chebyshev centre, that of the largest ball in it.  Raises
+    TactileError if it is empty or thinner than LEAST_INRADIUS.
     """
-    inside, depth = chebyshev_centre(halfspaces)
+    A = np.c_[halfspaces[:, :3], np.ones(len(halfspaces))]
+    bounds = [(None, None)] * 3 + [(None, 1.0)]
+    ball = linprog([0, 0, 0, -1], A, halfspaces[:, 3], bounds=bounds, method="highs")
+    depth = ball.x[3] if ball.success else -np.inf
     if depth < LEAST_INRADIUS:
         raise TactileError(
             "the intersection of the half-spaces is empty or flat",
@@ -82,7 +73,7 @@ def vertices_behind(halfspaces) -> np.ndarray:
             got=f"inradius {depth:.2g} m",
         )
     rows = np.c_[halfspaces[:, :3], -halfspaces[:, 3]]
-    points = HalfspaceIntersection(rows, inside).intersections
+    points = HalfspaceIntersection(rows, ball.x[:3]).intersections
     return points[np.isfinite(points).all(axis=1)]
 
 
