@@ -57,7 +57,7 @@ def test_rounded_normals_leave_an_estimate_right_or_honest(recorded, monkeypatch
     from foreign_sensors import normals_in_steps
 
     data, scene, truth = recorded
-    estimate = solve_estimate(normals_in_steps(15.0)(data, None), scene)
+    estimate = solve_estimate(normals_in_steps(15.0, data, None), scene)
     error = np.sort(estimate.side_lengths) - np.sort(truth["side_lengths"])
     sigma = estimate.information.sigma("side_lengths")
     assert (np.abs(error) < 3 * sigma[np.argsort(estimate.side_lengths)]).all()

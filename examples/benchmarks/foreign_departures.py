@@ -7,6 +7,7 @@ told wrongly, and what the estimator is told wrongly of the scene.
 from collections import ChainMap
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import foreign_sensors as sensors
 import numpy as np
@@ -62,8 +63,9 @@ class Combined:
         return Departure(worlds, sensors, dict(ChainMap(*[k.told for k in kinds])))
 
 
-def of_sensors(make: Callable, **strengths) -> dict[str, Departure]:
-    return {name: Departure(sensors=make(value)) for name, value in strengths.items()}
+def of_sensors(change: Callable, **strengths) -> dict[str, Departure]:
+    made = {name: partial(change, value) for name, value in strengths.items()}
+    return {name: Departure(sensors=one) for name, one in made.items()}
 
 
 def of_world(name: str, **strengths) -> dict[str, Departure]:
@@ -96,10 +98,9 @@ DEPARTURES: dict[str, dict[str, Departure]] = {
         "rate", **{"20 Hz": 20.0, "50 Hz": 50.0, "100 Hz": 100.0, "200 Hz": 200.0}
     ),
     "latency": of_world("latency", **{"10 ms": 0.01, "30 ms": 0.03, "60 ms": 0.06}),
-    "radius": {
-        f"{e:+g} mm": Departure(sensors=sensors.radius(1e-3 * e))
-        for e in (0.2, 0.5, -0.5, 1)
-    },
+    "radius": of_sensors(
+        sensors.radius, **{f"{e:+g} mm": 1e-3 * e for e in (0.2, 0.5, -0.5, 1)}
+    ),
     "dropped at random": of_sensors(sensors.at_random, **LOST),
     "dropped per finger": of_sensors(sensors.per_finger, **LOST),
     "dropped in bursts": of_sensors(sensors.in_bursts, **LOST),
