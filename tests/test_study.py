@@ -1,8 +1,10 @@
 """A study is one file: kept trial by trial, taken up again, read without us."""
 
 import json
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -160,6 +162,28 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "shape_classes": "a minute a class",
     "report_monte_carlo": "reads a study",
 }
+
+
+def test_a_running_cluster_is_sent_all_scripts_before_it_imports_any(
+    study, monkeypatch
+):
+    sent = {}
+
+    class Client(nullcontext):
+        def __init__(self, address):
+            self.enter_result = self
+
+        def upload_file(self, file, load=True):
+            sent[Path(file).name] = load
+
+        def get_executor(self, pure):
+            return "pool"
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
+    where = SimpleNamespace(executor="dask", workers=None, address="tcp://there:8786")
+    with study.executor_of(where) as pool:
+        assert pool == "pool"
+    assert sent == {script.name: False for script in BENCHMARKS.glob("*.py")}
 
 
 def test_every_study_takes_an_executor():

@@ -93,7 +93,7 @@ def main() -> None:
     asked = arguments.known, arguments.budgets, arguments.searches
     found = states(arguments.folder, arguments.worlds, arguments.seed)
     cases = [(*state, *asked) for state in found]
-    with executor_of(arguments, __file__) as executor:
+    with executor_of(arguments) as executor:
         rows = run_study(
             arguments.folder / "search.jsonl", "action search", searched, cases,
             executor, say=lambda _, r: f"{r['state']} best known {r['best']:.2f} nats",

@@ -125,7 +125,7 @@ def main() -> None:
     chosen = parser.parse_args()
     cases = [(f, chosen.actions, chosen.denser, chosen.passes) for f in chosen.files]
     rows = []
-    with executor_of(chosen, *Path(__file__).parent.glob("reduc*.py")) as executor:
+    with executor_of(chosen) as executor:
         for found in mapped(executor, measured, cases):
             rows += found
             print_table(found)

@@ -267,7 +267,7 @@ def main() -> None:
     stem = "ablation" if args.ablation else "formulations"
     asked = args.files, args.actions, args.starts, range(args.seeds), names
     kept = args.out / f"{stem}.jsonl"
-    with executor_of(args, __file__) as executor:
+    with executor_of(args) as executor:
         rows = run_study(kept, stem, run, product(*asked), executor, say=said)
     judge(rows)
     write_csv(args.out / f"{stem}.csv", rows)

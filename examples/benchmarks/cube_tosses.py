@@ -133,7 +133,7 @@ def main() -> None:
         for shape in ("cuboid", "corners")
     ]
     path = given.folder / "cube_tosses"
-    rows = tabled_study(given, path, run, cases, say=rounded, files=[__file__])
+    rows = tabled_study(given, path, run, cases, say=rounded)
     tell(rows)
     draw(rows, known["friction_reported"], path.with_suffix(".png"))
 

@@ -250,8 +250,7 @@ def main() -> None:
     add_executor(parser)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    scripts = Path(__file__).with_name("report_cuboid.py"), __file__
-    with executor_of(arguments, *scripts) as executor:
+    with executor_of(arguments) as executor:
         for rows in run_all(cases_of(arguments), executor):
             (arguments.out / "runs.json").write_text(json.dumps(rows))
     write_csv(arguments.out / "runs.csv", rows)

@@ -89,9 +89,7 @@ def study(arguments) -> list[dict]:
     rest |= {"noisy": True} if arguments.noise else {}
     numbers = range(arguments.first, arguments.first + asked[0])
     cases = [(*case, *rest.values()) for case in product(numbers, *asked[1:])]
-    others = (f"exploration_{name}.py" for name in ("objects", "report"))
-    scripts = __file__, *(Path(__file__).with_name(name) for name in others)
-    with executor_of(arguments, *scripts) as executor:
+    with executor_of(arguments) as executor:
         found = run_study(
             folder / FILE, "exploration", run, cases, executor, rest, _words
         )

@@ -216,7 +216,7 @@ def main() -> None:
     size = simulated_rig("densetact").fingers[0].tactile.camera["size"]
     kept, where = about | {"pictures": list(size)}, options.folder
     trial = partial(run, folder=where, **about)
-    with executor_of(options, *Path(__file__).parent.glob("*.py")) as executor:
+    with executor_of(options) as executor:
         told = run_study(
             where / "trials.jsonl", "robot", trial, cases, executor, kept, said
         )

@@ -223,7 +223,7 @@ def main() -> None:
     cases = list(product(([args.one], every), ALONG))
     asked = [(args.file, some, args.side, way, grid) for some, way in cases]
     found = {1: {}, len(every): {}}
-    with executor_of(args, __file__) as executor:
+    with executor_of(args) as executor:
         losses = mapped(executor, slices, asked)
         for (some, way), curves in zip(cases, losses, strict=True):
             found[len(some)][way] = curves

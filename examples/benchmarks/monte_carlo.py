@@ -90,11 +90,8 @@ def main() -> None:
         for number in range(arguments.count)
         for file in arguments.files
     ]
-    here = Path(__file__).parent
-    scripts = [here / f"{n}.py" for n in ("report_monte_carlo", "report_cuboid")]
-    scripts += [here / "estimate_cuboid.py", __file__]
     about = {"actions": arguments.actions, "noise": NOISE}
-    with executor_of(arguments, *scripts) as executor:
+    with executor_of(arguments) as executor:
         run_study(
             arguments.folder / FILE, "monte carlo", measure, cases, executor, about
         )

@@ -257,7 +257,7 @@ def main() -> None:
     add_executor(parser, "none")
     arguments = parser.parse_args()
     rows, files = [], [*arguments.files, *SHAPES]
-    with executor_of(arguments, *Path(__file__).parent.glob("reduc*.py")) as executor:
+    with executor_of(arguments) as executor:
         cases = [(file, arguments.passes) for file in files]
         for found in mapped(executor, scene_table, cases):
             rows += found

@@ -75,9 +75,7 @@ CORE = (  # few cells for the tests: every verdict and every kind of rule
 )
 WIDE = 1.1  # [in] of a cell in the picture
 KEYS = ("axis", "value", "way")
-PARTS = ("judge", "pages", "scenes", "sensors", "solver", "world")  # in import order
 CHILD = threading.local()  # .pool: the process in which a thread runs its cells
-SCRIPTS = *(Path(__file__).with_name(f"stability_{p}.py") for p in PARTS), __file__
 
 
 def run(name, value, way) -> list[dict]:
@@ -141,7 +139,7 @@ def watched(arguments):
         with ThreadPoolExecutor(arguments.workers or os.cpu_count()) as pool:
             yield pool, limited
     else:
-        with executor_of(arguments, *SCRIPTS) as executor:
+        with executor_of(arguments) as executor:
             yield executor, run
 
 

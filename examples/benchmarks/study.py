@@ -66,17 +66,15 @@ def _written(path, header: dict, ended):
             yield case, json.loads(line)["result"]
 
 
-def tabled_study(arguments, path, function, cases, say=None, table=None, files=None):
+def tabled_study(arguments, path, function, cases, say=None, table=None):
     """Run a study on the executor that `arguments` choose; return its results.
 
     path: without suffix.  path.jsonl keeps the trials, path.csv is their table, and the
     study has the path's last part as its name.  table(results): the rows of the table,
-    by default the results.  files: of `executor_of`, by default all scripts beside this
-    one.
+    by default the results.
     """
-    scripts = Path(__file__).parent.glob("*.py") if files is None else files
     file, name = path.with_suffix(".jsonl"), path.name.replace("_", " ")
-    with executor_of(arguments, *scripts) as executor:
+    with executor_of(arguments) as executor:
         results = run_study(file, name, function, cases, executor, say=say)
     write_csv(path.with_suffix(".csv"), table(results) if table else results)
     return results
@@ -171,10 +169,11 @@ def add_executor(parser: ArgumentParser, default: str = "processes") -> None:
 
 
 @contextmanager
-def executor_of(arguments, *files):
+def executor_of(arguments):
     """Give where trials run: None for here, the cores, a Dask cluster, or MPI.
 
-    files: the scripts that workers of a cluster import beside this one.
+    A cluster that runs already is sent all scripts beside this one: a script of any
+    name may import any other, so they are imported only once all are there.
     """
     workers = arguments.workers or os.cpu_count()
     if arguments.executor == "none":
@@ -193,6 +192,6 @@ def executor_of(arguments, *files):
         at = {"n_workers": workers, "threads_per_worker": 1}  # a cluster of our own
         at = {"address": arguments.address} if arguments.address else at
         with Client(**at) as client:
-            for file in (__file__, *files) if arguments.address else ():
-                client.upload_file(str(file))
+            for file in Path(__file__).parent.glob("*.py") if arguments.address else ():
+                client.upload_file(str(file), load=False)
             yield client.get_executor(pure=False)

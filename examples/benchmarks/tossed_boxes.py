@@ -137,7 +137,7 @@ def main() -> None:
     given = parser.parse_args()
     cases = [[number, given.tosses] for number in range(given.boxes)]
     path = given.folder / "tossed_boxes"
-    rows = tabled_study(given, path, run, cases, say=lambda _, row: row, files=())
+    rows = tabled_study(given, path, run, cases, say=lambda _, row: row)
     draw(rows, path.with_suffix(".png"))
     tell(rows)
 
