@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from tactilenlp.errors import FileError
 
@@ -162,6 +163,20 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "shape_classes": "a minute a class",
     "report_monte_carlo": "reads a study",
 }
+
+
+def threads():
+    return [library["num_threads"] for library in threadpool_info()]
+
+
+@pytest.mark.slow
+def test_trials_have_one_thread_wherever_they_run(study, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    for name in ("none", "processes"):
+        where = SimpleNamespace(executor=name, workers=1)
+        with study.executor_of(where) as executor:
+            (found,) = study.mapped(executor, threads, [()])
+        assert set(found) == {1}
 
 
 def test_a_running_cluster_is_sent_all_scripts_before_it_imports_any(

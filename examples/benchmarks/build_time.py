@@ -15,10 +15,6 @@ uncounted pass.  growth is the ratio of the total to that of the first case; the
 is at most 1.2.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

@@ -16,10 +16,6 @@ end (study.py): called again, the script runs what is missing, prints the covera
 writes calibration.csv (a row a world, quantity and verdict) and calibration.png.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from pathlib import Path
 from time import process_time

@@ -24,10 +24,6 @@ the derivation of term functions.  Failed solves are counted, not omitted.
 The truth is read here, for starts and errors, never by the package.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
-
 import argparse
 import importlib
 import time

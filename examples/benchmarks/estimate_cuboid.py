@@ -10,10 +10,6 @@ exclude the derivation of term functions (kinds_s); a case that derives some is
 repeated.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 import json
 from dataclasses import dataclass, replace

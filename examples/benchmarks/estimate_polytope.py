@@ -17,10 +17,6 @@ supporting planes with three touches or more; wrong: those beyond 1 mm and 5 sig
 seconds exclude the derivation of term functions; a case that derives some is repeated.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from dataclasses import replace
 from pathlib import Path

@@ -8,17 +8,15 @@ load affects both.  Times are wall-clock seconds: run the script where nothing e
 runs.  The load before and after is printed.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
+import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from study import one_thread
 
 from tactilenlp import Measurements, Scene, example_recording, solve_estimate
 
@@ -54,6 +52,7 @@ def alone(file, pool=None) -> None:
 
 
 def main() -> None:
+    one_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("files", nargs="*", default=[str(RECORDING)])
     parser.add_argument("--pairs", type=int, default=5)

@@ -18,10 +18,6 @@ bch.png, strip.png and table.txt.
 Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
-
 import argparse
 from itertools import product
 from pathlib import Path

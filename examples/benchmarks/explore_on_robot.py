@@ -17,10 +17,6 @@ their measurements (.npz); called again, the study resumes.  It writes trials.cs
 table.txt and real.png, the paper's figure.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from functools import partial
 from itertools import chain, product

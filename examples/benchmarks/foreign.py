@@ -16,10 +16,6 @@ CPU seconds.  A refusal counts as outside three sigma.  The script writes foreig
 foreign.png.  Called again with the same folder, it runs what is missing.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from functools import cache
 from pathlib import Path

@@ -16,10 +16,6 @@ script runs what is missing.  Policies are compared with random actions of the s
 by the tests of exploration_report.py.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from pathlib import Path
 from time import process_time

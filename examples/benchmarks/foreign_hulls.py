@@ -12,10 +12,6 @@ distance between the surfaces.  The script writes foreign_hulls.csv (one row an
 estimate) and foreign_hulls_summary.csv (one row a departure and strength).
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 from functools import cache
 from time import process_time
 

@@ -7,10 +7,6 @@ The propagation of past poses to the last one by inverse Jacobians of the dynami
 paper's first method) loses all digits within an action; the joint programme does not.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from pathlib import Path
 from time import process_time

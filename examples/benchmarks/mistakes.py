@@ -12,10 +12,6 @@ Called again with the same folder, the script runs what is missing.  It writes
 mistakes.csv (a line a mistake), mistakes_of_recordings.csv and mistakes.png.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from itertools import permutations, product
 from pathlib import Path

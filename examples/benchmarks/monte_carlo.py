@@ -8,10 +8,6 @@ folder (study.py), and a run that was stopped resumes.  `measure` is a plain fun
 plain arguments, so any concurrent.futures executor can distribute it.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from dataclasses import replace
 from functools import cache

@@ -8,10 +8,6 @@ hold for rendered texture only; on real texture the error of the centre of press
 to 40 times larger (hardware/README.md).
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 import csv
 import math
@@ -23,6 +19,7 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
+from study import one_thread
 
 from hardware.optical import Lens, OpticalTouch
 from hardware.simulated_skin import SimulatedSkin
@@ -104,6 +101,7 @@ def draw(path: str, rows: list[dict], skin: SimulatedSkin, sensor: OpticalTouch)
 
 def main() -> None:
     """Render, sense, write and print."""
+    one_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", default="optical_frame")
     options = parser.parse_args()

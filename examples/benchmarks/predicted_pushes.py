@@ -11,17 +11,13 @@ than MOVES that stay within half of it.  The script writes predicted_pushes.csv 
 predicted_pushes.png.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from study import write_csv
+from study import one_thread, write_csv
 
 from formulations.rigid_body import ARM
 from formulations.shape import CUBOID
@@ -102,6 +98,7 @@ def picture(rows, path: Path) -> None:
 
 
 def main() -> None:
+    one_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=120, help="boxes")

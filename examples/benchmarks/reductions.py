@@ -19,10 +19,6 @@ rest that get poses of their own may gain a little, and so may free tilts, since
 shape of a polytope can adapt.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 import time
 from dataclasses import dataclass, replace

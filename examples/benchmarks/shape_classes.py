@@ -11,10 +11,6 @@ known.  A line tells sizes [mm], their deviations, the mean distance of the surf
 and how far the body tilted.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from types import SimpleNamespace
 
@@ -22,6 +18,7 @@ import casadi as ca
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
+from study import one_thread
 
 from tactilenlp import (
     CYLINDER,
@@ -99,6 +96,7 @@ def touch(world, shape, theta, rng, first):
 
 
 def main(arguments):
+    one_thread()
     for seed in arguments.seeds:
         rng = np.random.default_rng([seed, 7])
         shape = CLASSES[arguments.name]

@@ -15,11 +15,8 @@ in stability_world.py, stability_sensors.py and stability_solver.py, the verdict
 stability_judge.py.
 """
 
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread a process: before NumPy
-
 import argparse
+import os
 import signal
 import sys
 import threading
@@ -47,7 +44,14 @@ from stability_judge import (
     refused,
     row,
 )
-from study import add_executor, executor_of, results_of, run_study, write_csv
+from study import (
+    add_executor,
+    executor_of,
+    one_thread,
+    results_of,
+    run_study,
+    write_csv,
+)
 
 from tactilenlp.errors import TactileError
 
@@ -135,6 +139,7 @@ def limited(*cell, task=timed) -> list[dict]:
 @contextmanager
 def watched(arguments):
     """Give where cells run, and how: beside a process each that may be killed."""
+    one_thread()
     if arguments.executor == "processes":
         with ThreadPoolExecutor(arguments.workers or os.cpu_count()) as pool:
             yield pool, limited

@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from tactilenlp.common.file_lock import locked
 from tactilenlp.common.npz import versions
 from tactilenlp.common.progress import progress, wipe
@@ -168,6 +170,12 @@ def add_executor(parser: ArgumentParser, default: str = "processes") -> None:
     parser.add_argument("--address", help="of a running Dask scheduler")
 
 
+def one_thread() -> None:
+    """Let linear algebra have one thread, here and in processes that are started."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    threadpool_limits(1)
+
+
 @contextmanager
 def executor_of(arguments):
     """Give where trials run: None for here, the cores, a Dask cluster, or MPI.
@@ -175,6 +183,7 @@ def executor_of(arguments):
     A cluster that runs already is sent all scripts beside this one: a script of any
     name may import any other, so they are imported only once all are there.
     """
+    one_thread()
     workers = arguments.workers or os.cpu_count()
     if arguments.executor == "none":
         yield None
@@ -184,7 +193,7 @@ def executor_of(arguments):
     elif arguments.executor == "mpi":
         from mpi4py.futures import MPIPoolExecutor
 
-        with MPIPoolExecutor(workers) as pool:
+        with MPIPoolExecutor(workers, initializer=one_thread) as pool:
             yield pool
     else:
         from distributed import Client

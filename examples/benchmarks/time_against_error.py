@@ -20,10 +20,6 @@ is missing, and writes time_against_error.csv (a row an estimate), summary.csv (
 cell) and time_against_error.png.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from functools import cache
 from itertools import product

@@ -11,10 +11,6 @@ Called again with the same folder, the script runs what is missing.  It writes
 tossed_boxes.csv and tossed_boxes.png.
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = "1"  # of every library, said before numpy comes
-
 import argparse
 from pathlib import Path
 from time import process_time
