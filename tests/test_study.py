@@ -1,6 +1,7 @@
 """A study is one file: kept trial by trial, taken up again, read without us."""
 
 import json
+import re
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -204,5 +205,6 @@ def test_a_running_cluster_is_sent_all_scripts_before_it_imports_any(
 def test_every_study_takes_an_executor():
     texts = {p.stem: p.read_text(encoding="utf-8") for p in BENCHMARKS.glob("*.py")}
     scripts = {name for name, text in texts.items() if '"__main__"' in text}
-    spread = {name for name in scripts if "add_executor(" in texts[name]}
+    takes = re.compile(r"\b(executor_of|tabled_study)\(")
+    spread = {name for name in scripts if takes.search(texts[name])}
     assert scripts - spread == {*ONE_RUN}

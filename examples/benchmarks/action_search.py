@@ -11,12 +11,11 @@ search.jsonl (study.py) and resumes from it.  The constants of the searches were
 on the worlds of seed 77 only.
 """
 
-import argparse
 from pathlib import Path
 from time import process_time
 
 import numpy as np
-from study import add_executor, executor_of, run_study
+from study import executor_of, run_study, study_parser
 
 from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
 from tactilenlp.exploration.action_search import best_action, facing
@@ -80,14 +79,12 @@ def searched(file: str, number: int, known: int, budgets, searches) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--worlds", type=int, default=4)
     parser.add_argument("--known", type=int, default=5000)
     parser.add_argument("--budgets", type=int, nargs="+", default=[60, 180, 500])
     parser.add_argument("--searches", nargs="+", default=SEARCHES, choices=SEARCHES)
     parser.add_argument("--seed", type=int, default=SEED, help="of the worlds")
-    add_executor(parser)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     asked = arguments.known, arguments.budgets, arguments.searches

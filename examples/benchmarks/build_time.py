@@ -15,14 +15,13 @@ uncounted pass.  growth is the ratio of the total to that of the first case; the
 is at most 1.2.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from reductions import recorded, searched
-from study import add_executor, executor_of, mapped, write_csv
+from study import executor_of, mapped, study_parser, write_csv
 
 from tactilenlp import Measurements, Problem, SolverOptions
 from tactilenlp.problem.polytope_window import window_of
@@ -111,13 +110,12 @@ def print_table(rows) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("files", nargs="+")
     parser.add_argument("--actions", type=int, nargs="+", default=[3, 6, 9])
     parser.add_argument("--denser", type=int, nargs="*", default=[2, 3])
     parser.add_argument("--passes", type=int, default=7)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
-    add_executor(parser, "none")
     chosen = parser.parse_args()
     cases = [(f, chosen.actions, chosen.denser, chosen.passes) for f in chosen.files]
     rows = []

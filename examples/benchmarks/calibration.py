@@ -16,14 +16,13 @@ end (study.py): called again, the script runs what is missing, prints the covera
 writes calibration.csv (a row a world, quantity and verdict) and calibration.png.
 """
 
-import argparse
 from pathlib import Path
 from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.stats import norm
-from study import add_executor, tabled_study
+from study import study_parser, tabled_study
 from time_against_error import PLACES, WORLDS, measured, warm
 
 from tactilenlp import solve_estimate
@@ -153,12 +152,10 @@ def said(case, row: dict) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--count", type=int, default=200, help="boxes")
     parser.add_argument("--first", type=int, default=2000, help="number of the first")
     parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=list(WORLDS))
-    add_executor(parser)
     chosen = parser.parse_args()
     boxes = range(chosen.first, chosen.first + chosen.count)
     cases = [(world, number) for number in boxes for world in chosen.worlds]

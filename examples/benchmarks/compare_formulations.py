@@ -24,7 +24,6 @@ the derivation of term functions.  Failed solves are counted, not omitted.
 The truth is read here, for starts and errors, never by the package.
 """
 
-import argparse
 import importlib
 import time
 from itertools import product
@@ -32,7 +31,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from study import add_executor, executor_of, run_study, write_csv
+from study import executor_of, run_study, study_parser, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -250,14 +249,13 @@ def said(case, r) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("files", nargs="+")
     parser.add_argument("--actions", type=int, nargs="+", default=[1, 3, 6])
     parser.add_argument("--starts", nargs="+", default=["near", "far", "paper"])
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--ablation", action="store_true", help="leave physics out")
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
-    add_executor(parser, "none")
     args = parser.parse_args()
     names = [*(ABLATION if args.ablation else FORMULATIONS)]
     stem = "ablation" if args.ablation else "formulations"

@@ -8,12 +8,11 @@ solved separately.  Errors of the sharp vertices are relative to the cube's half
 report.
 """
 
-import argparse
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from study import add_executor, tabled_study
+from study import study_parser, tabled_study
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -116,13 +115,12 @@ def rounded(_, row: dict) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False)
     parser.add_argument("file", type=Path)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("benchmark"))
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     words = "seeds that shuffle the tosses"
     parser.add_argument("--deals", type=int, nargs="+", default=[0], help=words)
-    add_executor(parser)
     given = parser.parse_args()
     data = Trajectories.load(given.file)
     known = known_of(given.file)

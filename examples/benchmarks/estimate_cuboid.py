@@ -10,7 +10,6 @@ exclude the derivation of term functions (kinds_s); a case that derives some is
 repeated.
 """
 
-import argparse
 import json
 from dataclasses import dataclass, replace
 from itertools import product
@@ -21,7 +20,7 @@ from timeit import repeat
 import numpy as np
 from chamfer import chamfer_code, chamfer_floor, chamfer_paper
 from report_cuboid import report
-from study import add_executor, executor_of, mapped, write_csv
+from study import executor_of, mapped, study_parser, write_csv
 from trimesh.creation import box
 from trimesh.sample import sample_surface
 from trimesh.transformations import quaternion_matrix, translation_matrix
@@ -235,7 +234,7 @@ def lost(arguments, error) -> list[dict]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False)
     add, every, paths = parser.add_argument, [*FORMULATIONS], ["reduced", "unreduced"]
     add("files", nargs="+")
     add("--actions", type=int, nargs="+", help="default: 1 .. all")
@@ -243,7 +242,6 @@ def main() -> None:
     add("--paths", nargs="+", default=paths, choices=paths)
     add("--knowledge", nargs="+", default=["known"], choices=KNOWLEDGE)
     add("--out", type=Path, default=Path("benchmark"))
-    add_executor(parser)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with executor_of(arguments) as executor:

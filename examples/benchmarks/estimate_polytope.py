@@ -17,7 +17,6 @@ supporting planes with three touches or more; wrong: those beyond 1 mm and 5 sig
 seconds exclude the derivation of term functions; a case that derives some is repeated.
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
@@ -28,7 +27,7 @@ import numpy as np
 from exploration_objects import SEED, planes_off, world_of
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
-from study import add_executor, tabled_study
+from study import study_parser, tabled_study
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
@@ -223,14 +222,12 @@ def picture(rows, path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__, executor="none")
     parser.add_argument("scenes", nargs="*")
     parser.add_argument("--actions", type=int, nargs="+", default=[3, 6, 9])
     parser.add_argument("--vertices", type=int, nargs="+", default=[8, 20, 50])
     parser.add_argument("--hard", type=int, default=5, help="scenes to record")
     parser.add_argument("--incremental", action="store_true", help="one more action")
-    add_executor(parser, "none")
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
     path = chosen.folder / "polytope"

@@ -18,14 +18,12 @@ bch.png, strip.png and table.txt.
 Dask and MPI are extras: pip install "tactilenlp[dask]" or "[mpi]".
 """
 
-import argparse
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from exploration_objects import corners, errors, guess_of, world_of
 from exploration_report import FILE, report
-from study import add_executor, executor_of, run_study, write_csv
+from study import executor_of, run_study, study_parser, write_csv
 from trimesh.transformations import quaternion_matrix
 
 from tactilenlp import Scene, World, explore, vertex_information
@@ -76,7 +74,6 @@ def picture(world: World, estimate) -> dict:
 
 def study(arguments) -> list[dict]:
     """Run what is not there yet; return the rows of all trials."""
-    folder = Path(arguments.folder)
     asked = arguments.trials, arguments.policies, arguments.starts
     actions = arguments.actions
     actions = ACTIONS[arguments.objects] if actions is None else actions
@@ -87,7 +84,7 @@ def study(arguments) -> list[dict]:
     cases = [(*case, *rest.values()) for case in product(numbers, *asked[1:])]
     with executor_of(arguments) as executor:
         found = run_study(
-            folder / FILE, "exploration", run, cases, executor, rest, _words
+            arguments.folder / FILE, "exploration", run, cases, executor, rest, _words
         )
     return [row for rows in found for row in rows]
 
@@ -106,8 +103,7 @@ def tabled(row: dict) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder")
+    parser = study_parser(__doc__)
     parser.add_argument("--trials", type=int, default=10)
     parser.add_argument("--first", type=int, default=0, help="number of a first trial")
     parser.add_argument("--objects", choices=ACTIONS, default="cuboid")
@@ -116,13 +112,12 @@ def main() -> None:
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
     parser.add_argument("--starts", nargs="+", default=["ours"])
     parser.add_argument("--noise", action="store_true", help="noisy sensors")
-    add_executor(parser)
     arguments = parser.parse_args()
     if arguments.objects == "polytope" and "paper" in arguments.starts:
         parser.error("polytopes: --starts ours only")
     rows = study(arguments)
-    write_csv(Path(arguments.folder) / "trials.csv", [*map(tabled, rows)])
-    report(rows, Path(arguments.folder))
+    write_csv(arguments.folder / "trials.csv", [*map(tabled, rows)])
+    report(rows, arguments.folder)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ their measurements (.npz); called again, the study resumes.  It writes trials.cs
 table.txt and real.png, the paper's figure.
 """
 
-import argparse
 from functools import partial
 from itertools import chain, product
 from pathlib import Path
@@ -28,7 +27,7 @@ import trimesh
 from chamfer import chamfer_code, chamfer_floor
 from robot_report import OFFSETS, draw, table
 from scipy.spatial.transform import Rotation
-from study import add_executor, executor_of, run_study, write_csv
+from study import executor_of, run_study, study_parser, write_csv
 
 from hardware.bench import Bench
 from hardware.errors import LimitError
@@ -193,8 +192,7 @@ def error_of(estimate, pose: np.ndarray, turn: Rotation) -> np.ndarray:
 
 def main() -> None:
     """Run what is not there yet, then write table and figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--trials", type=int, default=6)
     parser.add_argument("--first", type=int, default=0, help="number of a first trial")
     parser.add_argument("--actions", type=int, default=5)
@@ -204,7 +202,6 @@ def main() -> None:
         "--offsets", nargs="*", choices=OFFSETS[1:], default=OFFSETS[1:],
         help="other ways to take the fingers' errors, once all touches are there",
     )  # fmt: skip
-    add_executor(parser)
     options = parser.parse_args()
     numbers = range(options.first, options.first + options.trials)
     cases = list(product(numbers, options.policies))

@@ -16,7 +16,6 @@ CPU seconds.  A refusal counts as outside three sigma.  The script writes foreig
 foreign.png.  Called again with the same folder, it runs what is missing.
 """
 
-import argparse
 from functools import cache
 from pathlib import Path
 from time import process_time
@@ -26,7 +25,7 @@ from foreign_bodies import Box
 from foreign_departures import DEPARTURES
 from foreign_report import picture, refusal, show, summary
 from foreign_world import ForeignWorld, recorded
-from study import add_executor, tabled_study, write_csv
+from study import study_parser, tabled_study, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.errors import TactileError
@@ -127,8 +126,7 @@ def said(_, row: dict) -> str:
 
 def arguments(about: str, bodies: str, count: int, actions: int, departures):
     """Return the parser of a study of so many bodies by departure."""
-    parser = argparse.ArgumentParser(description=about.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(about)
     parser.add_argument("--count", type=int, default=count, help=bodies)
     parser.add_argument("--first", type=int, default=0, help="number of a first one")
     parser.add_argument("--actions", type=int, default=actions)
@@ -142,7 +140,6 @@ def arguments(about: str, bodies: str, count: int, actions: int, departures):
 def main() -> None:
     parser = arguments(__doc__, "boxes", 4, 4, DEPARTURES)
     parser.add_argument("--recordings", nargs="*", default=[])
-    add_executor(parser)
     chosen = parser.parse_args()
     path = chosen.folder / "foreign"
     rows = tabled_study(chosen, path, judged, cells(chosen), say=said)

@@ -16,19 +16,17 @@ script runs what is missing.  Policies are compared with random actions of the s
 by the tests of exploration_report.py.
 """
 
-import argparse
-from pathlib import Path
 from time import process_time
 
 import numpy as np
 from exploration_report import comparison_lines
-from foreign import SCENE, errors_in, warm
+from foreign import SCENE, arguments, errors_in, warm
 from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
 from foreign_report import ratios, refusal
 from foreign_world import REST, STEP, ForeignWorld, Simulation
 from scipy.interpolate import PchipInterpolator
-from study import add_executor, tabled_study, write_csv
+from study import tabled_study, write_csv
 from trimesh.creation import box as box_mesh
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -170,16 +168,11 @@ def rows_of(trials) -> list[dict]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=20, help="boxes")
-    parser.add_argument("--first", type=int, default=0, help="number of a first box")
-    parser.add_argument("--actions", type=int, default=5)
     worlds = [name for name, kinds in DEPARTURES.items() if _of_world(kinds)]
-    parser.add_argument("--departures", nargs="+", choices=worlds, default=["contact"])
+    parser = arguments(__doc__, "boxes", 20, 5, worlds)
+    parser.set_defaults(departures=["contact"])
     parser.add_argument("--strengths", nargs="+", help="of these departures: all")
     parser.add_argument("--policies", nargs="+", default=["eig", "random"])
-    add_executor(parser)
     chosen = parser.parse_args()
     cases = [
         (departure, strength, number, chosen.actions, policy)

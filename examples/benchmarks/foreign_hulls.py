@@ -22,7 +22,7 @@ from foreign_bodies import Hull
 from foreign_departures import DEPARTURES
 from foreign_report import BEYOND, COLOURS, WITHIN, median, refusal, summary
 from regress import true_mesh
-from study import add_executor, tabled_study, write_csv
+from study import tabled_study, write_csv
 
 from tactilenlp import solve_estimate, surface_distance
 from tactilenlp.errors import TactileError
@@ -96,7 +96,6 @@ def summed(departure: str, strength: str, rows: list[dict]) -> dict:
 
 def main() -> None:
     parser = arguments(__doc__, "hulls", 6, 6, OF_HULLS)
-    add_executor(parser)
     chosen = parser.parse_args()
     path = chosen.folder / "foreign_hulls"
     rows = tabled_study(chosen, path, judged, cells(chosen), say=said)

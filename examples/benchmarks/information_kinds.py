@@ -7,13 +7,12 @@ The propagation of past poses to the last one by inverse Jacobians of the dynami
 paper's first method) loses all digits within an action; the joint programme does not.
 """
 
-import argparse
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 from matplotlib import pyplot as plt
-from study import add_executor, executor_of, write_csv
+from study import executor_of, study_parser, write_csv
 
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS
@@ -52,11 +51,10 @@ def rows_of(file: Path, actions, executor) -> tuple[list[dict], object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("file", type=Path)
     parser.add_argument("--actions", type=int, nargs="+", default=[2, 4, 6, 10, 15, 20])
     parser.add_argument("--folder", type=Path, default=Path("benchmark"))
-    add_executor(parser, "none")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     with executor_of(arguments) as executor:

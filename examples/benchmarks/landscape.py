@@ -19,13 +19,12 @@ the largest, in nats / mm) and the number of local minima on the grid that are 0
 deep on both sides.  Both losses are bounded: a sample costs at most 7 nats.
 """
 
-import argparse
 from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from study import add_executor, executor_of, mapped, write_csv
+from study import executor_of, mapped, study_parser, write_csv
 
 from formulations import multiple_shooting, violation_implicit
 from formulations.finger import SPHERE
@@ -209,14 +208,13 @@ def draw(found, grid, file) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False, executor="none")
     default = example_recording()
     parser.add_argument("file", nargs="?", type=Path, default=default)
     parser.add_argument("--one", type=int, default=1, help="the action looked at alone")
     parser.add_argument("--side", type=int, default=1, help="0, 1, 2: x, y, z")
     parser.add_argument("--points", type=int, default=121)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
-    add_executor(parser, "none")
     args = parser.parse_args()
     grid, rows = np.linspace(-WAY, WAY, args.points), []
     every = np.unique(Measurements.load(args.file).action).tolist()

@@ -15,8 +15,6 @@ Called again with the same folder, the script runs what is missing.  It writes
 mismatch.csv and mismatch.png.
 """
 
-import argparse
-from pathlib import Path
 from time import process_time
 
 import matplotlib.pyplot as plt
@@ -26,7 +24,7 @@ from estimate_polytope import carried_along
 from exploration_objects import planes_off, world_of
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from study import add_executor, tabled_study
+from study import study_parser, tabled_study
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 from trimesh.transformations import translation_matrix
@@ -240,11 +238,9 @@ def picture(rows, path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--trials", type=int, default=3)
     parser.add_argument("--actions", type=int, default=9)
-    add_executor(parser)
     chosen = parser.parse_args()
     cells = [
         (*body, k, chosen.actions) for body in BODIES for k in range(chosen.trials)

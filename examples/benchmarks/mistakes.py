@@ -12,14 +12,13 @@ Called again with the same folder, the script runs what is missing.  It writes
 mistakes.csv (a line a mistake), mistakes_of_recordings.csv and mistakes.png.
 """
 
-import argparse
 from itertools import permutations, product
 from pathlib import Path
 from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
-from study import add_executor, executor_of, run_study, write_csv
+from study import executor_of, run_study, study_parser, write_csv
 
 from tactilenlp import Measurements, Scene
 from tactilenlp.data.mistakes import most_likely, record_of
@@ -183,13 +182,9 @@ def drawn(table: list[dict], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("recordings", nargs="+")
     parser.add_argument("--correct", nargs="*", default=[])
-    add_executor(parser)
     given = parser.parse_args()
     touched = [path for path in given.recordings if np.load(path)["contact"].any()]
     cases = [[path, False] for path in touched] + [[p, True] for p in given.correct]

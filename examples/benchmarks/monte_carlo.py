@@ -8,7 +8,6 @@ folder (study.py), and a run that was stopped resumes.  `measure` is a plain fun
 plain arguments, so any concurrent.futures executor can distribute it.
 """
 
-import argparse
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,7 +16,7 @@ from time import process_time
 import numpy as np
 from estimate_cuboid import Truth
 from report_monte_carlo import FILE, report
-from study import add_executor, executor_of, run_study
+from study import executor_of, run_study, study_parser
 
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
 from tactilenlp import solve_estimate as solve
@@ -74,12 +73,11 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False)
     parser.add_argument("files", nargs="+", help="recordings that hold their truth")
     parser.add_argument("--count", type=int, default=400, help="re-measurements each")
     parser.add_argument("--actions", type=int, default=6)
     parser.add_argument("--folder", type=Path, default=Path("benchmark/monte_carlo"))
-    add_executor(parser)
     arguments = parser.parse_args()
     cases = [
         (file, arguments.actions, number, NOISE)

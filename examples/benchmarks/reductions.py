@@ -19,7 +19,6 @@ rest that get poses of their own may gain a little, and so may free tilts, since
 shape of a polytope can adapt.
 """
 
-import argparse
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from reductions_report import BASE, NONE, failed, print_pairs, print_table
-from study import add_executor, executor_of, mapped, write_csv
+from study import executor_of, mapped, study_parser, write_csv
 
 from formulations import polytope_violation_implicit, violation_implicit
 from formulations.polytope import polytope
@@ -246,11 +245,10 @@ def timed(scene, ways, h, passes, back) -> list[dict]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("files", nargs="+")
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument("--out", type=Path, default=Path("benchmark"))
-    add_executor(parser, "none")
     arguments = parser.parse_args()
     rows, files = [], [*arguments.files, *SHAPES]
     with executor_of(arguments) as executor:

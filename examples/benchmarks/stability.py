@@ -15,7 +15,6 @@ in stability_world.py, stability_sensors.py and stability_solver.py, the verdict
 stability_judge.py.
 """
 
-import argparse
 import os
 import signal
 import sys
@@ -26,7 +25,6 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import stability_sensors
@@ -45,11 +43,11 @@ from stability_judge import (
     row,
 )
 from study import (
-    add_executor,
     executor_of,
     one_thread,
     results_of,
     run_study,
+    study_parser,
     write_csv,
 )
 
@@ -247,13 +245,11 @@ def draw(rows, path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--axes", nargs="+", choices=[*AXES], metavar="AXIS")
     parser.add_argument("--ways", nargs="+", metavar="WAY")
     parser.add_argument("--core", action="store_true", help="the tests' cells")
     parser.add_argument("--report", action="store_true", help="of what is there")
-    add_executor(parser)
     arguments = parser.parse_args()
     rows = suite(arguments)
     write_csv(arguments.folder / "stability.csv", rows)

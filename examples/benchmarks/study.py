@@ -163,11 +163,19 @@ def mapped(executor, function, cases, lost=None):
             future.cancel()
 
 
-def add_executor(parser: ArgumentParser, default: str = "processes") -> None:
-    """Add the arguments that `executor_of` reads; "none" where seconds are compared."""
-    parser.add_argument("--executor", choices=EXECUTORS, default=default)
+def study_parser(about: str, folder=True, executor="processes") -> ArgumentParser:
+    """Return the parser of a script, with the arguments that `executor_of` reads.
+
+    about: its docstring; folder: whether its first argument is where it writes;
+    executor: the default, "none" where seconds are compared.
+    """
+    parser = ArgumentParser(description=about.splitlines()[0])
+    if folder:
+        parser.add_argument("folder", type=Path)
+    parser.add_argument("--executor", choices=EXECUTORS, default=executor)
     parser.add_argument("--workers", type=int, help="processes, all cores by default")
     parser.add_argument("--address", help="of a running Dask scheduler")
+    return parser
 
 
 def one_thread() -> None:

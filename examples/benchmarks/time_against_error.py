@@ -20,7 +20,6 @@ is missing, and writes time_against_error.csv (a row an estimate), summary.csv (
 cell) and time_against_error.png.
 """
 
-import argparse
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -31,7 +30,7 @@ import numpy as np
 from foreign_bodies import Box
 from foreign_world import DEFAULT, ForeignWorld, recorded
 from monte_carlo import NOISE
-from study import add_executor, tabled_study, write_csv
+from study import study_parser, tabled_study, write_csv
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
@@ -202,14 +201,12 @@ def said(case, row: dict) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--count", type=int, default=20, help="boxes")
     parser.add_argument("--first", type=int, default=500, help="number of a first box")
     parser.add_argument("--actions", type=int, nargs="+", default=[1, 2, 3, 4, 5, 6])
     parser.add_argument("--formulations", nargs="+", default=FORMULATIONS)
     parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=[*WORLDS])
-    add_executor(parser)
     chosen = parser.parse_args()
     numbers = range(chosen.first, chosen.first + chosen.count)
     cases = [

@@ -11,14 +11,13 @@ Called again with the same folder, the script runs what is missing.  It writes
 tossed_boxes.csv and tossed_boxes.png.
 """
 
-import argparse
 from pathlib import Path
 from time import process_time
 
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
-from study import add_executor, tabled_study
+from study import study_parser, tabled_study
 
 from tactilenlp import Scene, Trajectories, identify_body
 from tactilenlp.errors import TactileError
@@ -123,13 +122,9 @@ def draw(rows: list[dict], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path)
+    parser = study_parser(__doc__)
     parser.add_argument("--boxes", type=int, default=20)
     parser.add_argument("--tosses", type=int, default=4)
-    add_executor(parser)
     given = parser.parse_args()
     cases = [[number, given.tosses] for number in range(given.boxes)]
     path = given.folder / "tossed_boxes"
