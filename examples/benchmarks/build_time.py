@@ -123,7 +123,6 @@ def main() -> None:
         for found in mapped(executor, measured, cases):
             rows += found
             print_table(found)
-    chosen.out.mkdir(parents=True, exist_ok=True)
     write_csv(chosen.out / "build_time.csv", rows)
 
 

@@ -56,7 +56,6 @@ def main() -> None:
     parser.add_argument("--actions", type=int, nargs="+", default=[2, 4, 6, 10, 15, 20])
     parser.add_argument("--folder", type=Path, default=Path("benchmark"))
     arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
     with executor_of(arguments) as executor:
         rows, estimate = rows_of(arguments.file, arguments.actions, executor)
     write_csv(arguments.folder / "information_kinds.csv", rows)

@@ -227,7 +227,6 @@ def main() -> None:
             found[len(some)][way] = curves
     for na, curves in found.items():
         rows += described(curves, grid, recording=args.file.stem, actions=na)
-    args.out.mkdir(parents=True, exist_ok=True)
     write_csv(args.out / "landscape.csv", rows)
     draw(found, grid, args.out / "landscape.png")
 

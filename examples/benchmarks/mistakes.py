@@ -188,7 +188,6 @@ def main() -> None:
     given = parser.parse_args()
     touched = [path for path in given.recordings if np.load(path)["contact"].any()]
     cases = [[path, False] for path in touched] + [[p, True] for p in given.correct]
-    given.folder.mkdir(parents=True, exist_ok=True)
     with executor_of(given) as executor:
         results = run_study(
             given.folder / "mistakes.jsonl", "mistakes", judged, cases, executor

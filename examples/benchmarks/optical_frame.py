@@ -9,8 +9,8 @@ to 40 times larger (hardware/README.md).
 """
 
 import argparse
-import csv
 import math
+from itertools import product
 from time import process_time
 
 import cv2
@@ -19,7 +19,7 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
-from study import one_thread
+from study import one_thread, write_csv
 
 from hardware.optical import Lens, OpticalTouch
 from hardware.simulated_skin import SimulatedSkin
@@ -31,7 +31,6 @@ FORCES = (0.2, 0.5, 1.0, 2.0)  # [N]
 AROUND = 4  # touches about the axis
 BUDGET = 16.0  # [ms]: two sensors at 30 Hz
 NONE = [float("nan")]  # nothing was felt there
-COLUMNS = ("polar_deg", "force_N", "centre_px", "normal_deg", "strength", "felt")
 
 
 def direction(polar: float, azimuth: float) -> np.ndarray:
@@ -44,27 +43,21 @@ def direction(polar: float, azimuth: float) -> np.ndarray:
 
 def touches(skin: SimulatedSkin, sensor: OpticalTouch) -> list[dict]:
     """Return a row for every rendered touch."""
-    rows = []
-    for polar in POLARS:
-        for force in FORCES:
-            for azimuth in np.linspace(0.3, 2 * np.pi + 0.3, AROUND, endpoint=False):
-                push = direction(math.radians(polar), azimuth)
-                picture = skin.picture(push, force)
-                began = process_time()
-                sensed = sensor.sense(picture)
-                seconds = process_time() - began
-                found = LENS.direction(sensed.centre)
-                rows.append(
-                    {
-                        "polar_deg": polar,
-                        "force_N": force,
-                        "centre_px": np.linalg.norm(sensed.centre - LENS.pixel(push)),
-                        "normal_deg": np.degrees(np.arccos(min(found @ push, 1.0))),
-                        "strength": sensed.strength,
-                        "felt": int(sensed.strength > sensor.decide.on),
-                        "ms": 1e3 * seconds,
-                    }
-                )
+    rows, turns = [], np.linspace(0.3, 2 * np.pi + 0.3, AROUND, endpoint=False)
+    for polar, force, azimuth in product(POLARS, FORCES, turns):
+        push = direction(math.radians(polar), azimuth)
+        picture = skin.picture(push, force)
+        began = process_time()
+        sensed = sensor.sense(picture)
+        seconds = process_time() - began
+        found = LENS.direction(sensed.centre)
+        rows.append({
+            "polar_deg": polar, "force_N": force,
+            "centre_px": np.linalg.norm(sensed.centre - LENS.pixel(push)),
+            "normal_deg": np.degrees(np.arccos(min(found @ push, 1.0))),
+            "strength": sensed.strength,
+            "felt": int(sensed.strength > sensor.decide.on), "ms": 1e3 * seconds,
+        })  # fmt: skip
     return rows
 
 
@@ -110,10 +103,7 @@ def main() -> None:
     sensor.learn([skin.picture() for _ in range(30)])
     false = [sensor.sense(skin.picture()).strength for _ in range(30)]
     rows = touches(skin, sensor)
-    with open(f"{options.output}.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, (*COLUMNS, "ms"))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(f"{options.output}.csv", rows)
     draw(f"{options.output}.png", rows, skin, sensor)
     felt = [row for row in rows if row["felt"] and row["polar_deg"] <= 60]
     centre = np.median([row["centre_px"] for row in felt])

@@ -104,7 +104,6 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=120, help="boxes")
     parser.add_argument("--forces", type=float, nargs="+", default=[8.0, 1.7])
     chosen = parser.parse_args()
-    chosen.folder.mkdir(parents=True, exist_ok=True)
     rows = [compared(k, f) for f in chosen.forces for k in range(chosen.count)]
     write_csv(chosen.folder / "predicted_pushes.csv", rows)
     picture(rows, chosen.folder / "predicted_pushes.png")

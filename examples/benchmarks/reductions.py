@@ -258,7 +258,6 @@ def main() -> None:
             print_table(found)
     for name in dict.fromkeys(row["class"] for row in rows):
         print_pairs(name, [row for row in rows if row["class"] == name])
-    arguments.out.mkdir(parents=True, exist_ok=True)
     write_csv(arguments.out / "reductions.csv", rows)
 
 

@@ -9,13 +9,12 @@ stands how many parameters lie in the interval that would contain 95 % of them i
 sigma were exact.
 """
 
-import csv
 import sys
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
-from study import results_of
+from study import results_of, write_csv
 
 FILE = "monte_carlo.jsonl"  # of the study, in its folder
 KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
@@ -93,10 +92,7 @@ def report(folder: Path) -> None:
     if not lines:
         print("no runs yet")
         return
-    with open(folder / "monte_carlo.csv", "w", newline="") as file:
-        writer = csv.DictWriter(file, lines[0])
-        writer.writeheader()
-        writer.writerows(lines)
+    write_csv(folder / "monte_carlo.csv", lines)
     print(f"{'':34} {'runs':>4} {'bias':>7} {'scatter':>7}  predicted / scatter")
     print(f"{'[mm, deg]':55}" + "".join(f"{kind:>13}" for kind in KINDS))
     for line in lines:

@@ -89,6 +89,7 @@ def results_of(path, name: str) -> list:
 
 def write_csv(path, rows: list[dict]) -> None:
     """Write rows as one table; a column for every key that any of them has."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     names, text = dict.fromkeys(key for row in rows for key in row), io.StringIO()
     table = csv.DictWriter(text, [*names])
     table.writeheader()
