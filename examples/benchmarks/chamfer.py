@@ -1,6 +1,6 @@
-"""Compute the paper's bidirectional Chamfer distance (bCH), and polytope pose errors.
+"""Compute the paper's bidirectional Chamfer distance (bCH).
 
-The bCH has two forms, of different units: as the paper prints it and as the authors'
+It has two forms, of different units: as the paper prints it and as the authors'
 code computes it.  Neither is comparable with the exact `surface_distance`.
 """
 
@@ -11,17 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactilenlp.data.trajectories import QUATERNION_TOLERANCE
-from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import (
-    PoseError,
     finite_array,
     generator_of,
     points_on,
-    smallest_turn,
     triangles_of,
 )
-from tactilenlp.geometry.convex_hull import centroid
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -55,41 +50,6 @@ def chamfer_code(
 def chamfer_floor(mesh: Trimesh, samples: int = 1000, seed: int = 0) -> float:
     """Compute `chamfer_code` of a perfect estimate, about sqrt(area / samples) [m]."""
     return chamfer_code(mesh, mesh, samples, seed)
-
-
-def polytope_pose_error(
-    mesh: Trimesh,
-    quaternion: ArrayLike,
-    true_mesh: Trimesh,
-    true_quaternion: ArrayLike,
-    symmetries: ArrayLike = (((1, 0, 0), (0, 1, 0), (0, 0, 1)),),
-) -> PoseError:
-    """Compare the hull centroid and the rotation of a polytope with the truth.
-
-    Quaternions (4,) wxyz, body to world, of body frames whose axes mean the same in
-    estimate and truth; `symmetries` (K, 3, 3) rotate the body about its centroid, in
-    the body frame.  Raises TactileError as `cuboid_errors`, and for flat meshes.
-    """
-    group = finite_array(symmetries, (None, 3, 3), "symmetries")
-    skew = np.abs(group @ group.transpose(0, 2, 1) - np.eye(3)).max()
-    if skew > QUATERNION_TOLERANCE or np.linalg.det(group).min() < 0:
-        expected = "rotation matrices, no reflections"
-        raise TactileError("unusable", where="symmetries", expected=expected)
-    shift = _centroid(mesh, "mesh") - _centroid(true_mesh, "true_mesh")
-    even = np.zeros(len(group))
-    best, angle, turn = smallest_turn(quaternion, true_quaternion, group, even)
-    return PoseError(shift, angle, turn, group[best])
-
-
-def _centroid(mesh: Trimesh, where: str) -> np.ndarray:
-    """Return the volume centroid (3,) [m] of the convex hull."""
-    from scipy.spatial import QhullError
-
-    try:
-        return centroid(triangles_of(mesh, where).reshape(-1, 3))
-    except QhullError as error:
-        expected = "vertices that are not all in one plane"
-        raise TactileError("no volume", where=where, expected=expected) from error
 
 
 def _nearest(points_a: np.ndarray, points_b: np.ndarray):
