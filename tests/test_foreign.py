@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp import Scene, solve_estimate
 from tactilenlp.geometry.convex_hull import nearest
 
 CLOSE = 0.1e-3  # [m] that stiff contacts of a few newtons and 0.3 ms steps sink in
@@ -85,10 +85,7 @@ def test_contact_is_reported_late_where_the_sensors_are_late(foreign):
 def test_a_box_that_was_first_touched_at_an_edge_is_found(foreign, box, actions):
     world = foreign.ForeignWorld(above=1.0, heights=(0.25, 0.6))
     true = foreign.recorded(foreign.Box(box), world, actions)
-    names = ("time", "finger_position", "finger_radius", "contact", "normal", "action")
-    data = Measurements(**{k: true[k] for k in (*names, "valid")})
-    scene = Scene(**{k: float(true[k]) for k in foreign.SCENE})
-    estimate = solve_estimate(data, scene)
+    estimate = solve_estimate(*foreign.told_of(true))
     assert estimate.objective < 8  # 10 more where the edge is taken for a face
     turn = Rotation.from_quat(true["object_quaternion"][0], scalar_first=True)
     found = Rotation.from_quat(estimate.quaternion[0], scalar_first=True)
@@ -197,7 +194,6 @@ CELLS = [("none", "", 0, 2), ("gap", "half an action", 0, 2), ("gap", "dead", 0,
 
 
 def test_what_is_told_is_wrong_by_its_factor(foreign):
-    from tactilenlp import Scene
 
     scene = Scene(mass=0.4, friction_ground=0.3, friction_finger=0.6)
     told = foreign.DEPARTURES["frictions told"]["x2"].scene(scene)

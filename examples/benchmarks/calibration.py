@@ -17,16 +17,14 @@ writes calibration.csv (a row a world, quantity and verdict) and calibration.png
 """
 
 from pathlib import Path
-from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
+from judging import solved, spread_samples
 from scipy.stats import norm
 from study import study_parser, tabled_study
 from time_against_error import PLACES, WORLDS, measured, warm
 
-from tactilenlp import solve_estimate
-from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import cuboid_errors
 
 MOST_ACTIONS = 6
@@ -40,16 +38,12 @@ def judged(world: str, number: int) -> dict:
     actions = 1 + number % MOST_ACTIONS
     data, scene, true = measured(world, number, actions)
     row = {"world": world, "box": number, "actions": actions, "refused": ""}
-    began = process_time()
-    try:
-        estimate = solve_estimate(data, scene)
-    except TactileError as error:
-        said = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
-        return row | {"cpu_s": process_time() - began, "refused": said}
-    row |= {"cpu_s": process_time() - began, "verdict": estimate.fit.verdict}
-    row |= {"nats": estimate.objective}
-    places = np.unique(np.linspace(0, data.samples - 1, PLACES).round().astype(int))
-    path = [ratios(estimate, true, k) for k in places]
+    estimate, told = solved(data, scene)
+    row |= told
+    if estimate is None:
+        return row
+    row |= {"verdict": estimate.fit.verdict, "nats": estimate.objective}
+    path = [ratios(estimate, true, k) for k in spread_samples(data, PLACES)]
     row |= {name: list(values) for name, values in path[-1].items()}
     return row | {
         f"path {name}": [float(r) for at in path for r in at[name]]

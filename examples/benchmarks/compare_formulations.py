@@ -31,6 +31,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from judging import planar_path
 from study import executor_of, run_study, study_parser, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
@@ -39,7 +40,6 @@ from formulations import paper, shooting, violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
 from tactilenlp.data.sensor_noise import precision_of, smoothed
-from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.solve import solve_levels
 
@@ -119,9 +119,8 @@ def run(file, na, kind, seed, name) -> dict:
     page = page_of(name)
     truth, data, scene = np.load(file), Measurements.load(file), Scene.load(file)
     data = data.select(np.unique(data.action)[:na])
-    turn = rotation_of(truth["object_quaternion"])
-    yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
-    x = np.vstack([truth["object_position"][:, :2].T, yaw])[:, : data.samples]
+    x = planar_path(truth["object_position"], truth["object_quaternion"])
+    x = x[:, : data.samples]
     theta, start = started(kind, truth, x, seed)
     precision = precision_of(data, scene)
     known = smoothed(data, precision), scene, CUBOID, precision

@@ -19,11 +19,11 @@ from timeit import repeat
 
 import numpy as np
 from chamfer import chamfer_code, chamfer_floor, chamfer_paper
+from judging import placed
 from report_cuboid import report
 from study import executor_of, mapped, study_parser, write_csv
 from trimesh.creation import box
 from trimesh.sample import sample_surface
-from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import precise
@@ -88,8 +88,8 @@ class Truth:
         self.side_lengths, self.position, self.quaternion = map(np.load(file).get, keys)
 
     def mesh(self, sample):
-        pose = translation_matrix(self.position[sample])
-        return box(self.side_lengths, pose @ quaternion_matrix(self.quaternion[sample]))
+        pose = self.position[sample], self.quaternion[sample]
+        return placed(box(self.side_lengths), *pose)
 
     def start(self, estimate):
         """Return the estimate with the true motion as its only hypothesis."""

@@ -4,11 +4,11 @@ from itertools import product
 
 import numpy as np
 from chamfer import chamfer_code, chamfer_floor
+from judging import placed
 from monte_carlo import NOISE
 from scipy.spatial.transform import Rotation
 from trimesh import Trimesh
 from trimesh.convex import convex_hull
-from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp import Guess, Noise, World
 from tactilenlp.evaluation import metrics
@@ -100,8 +100,7 @@ def errors(world: World, estimate) -> dict:
     """Return every metric of an estimate at the end of the last action [mm, deg]."""
     truth, mm = world.truth, 1e3
     where, turn = truth.object_position[-1], truth.object_quaternion[-1]
-    true: Trimesh = convex_hull(corners(world))
-    true.apply_transform(translation_matrix(where) @ quaternion_matrix(turn))
+    true = placed(convex_hull(corners(world)), where, turn)
     found = estimate.mesh()
     exact = metrics.surface_distance(found, true, samples=POINTS)
     information, moved = estimate.information, where - truth.object_position[0]

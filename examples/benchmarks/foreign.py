@@ -18,23 +18,20 @@ foreign.png.  Called again with the same folder, it runs what is missing.
 
 from functools import cache
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 from foreign_bodies import Box
 from foreign_departures import DEPARTURES
-from foreign_report import picture, refusal, show, summary
-from foreign_world import ForeignWorld, recorded
+from foreign_report import picture, show, summary
+from foreign_world import ForeignWorld, recorded, told_of
+from judging import solved
 from study import study_parser, tabled_study, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
-from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.geometry.faces import touched_faces
 from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
-
-SCENE = ("mass", "friction_ground", "friction_finger")
 
 
 def measured(
@@ -48,9 +45,7 @@ def measured(
     if file is None:
         world = ForeignWorld(**chosen.world)
         true = recorded(body(number, world.scale, world.radius), world, actions)
-        names = ("time", "finger_position", "finger_radius", "contact", "normal")
-        data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
-        scene = Scene(**{k: float(true[k]) for k in SCENE})
+        data, scene = told_of(true)
     else:
         true, data, scene = np.load(file), Measurements.load(file), Scene.load(file)
         data = data.select(np.unique(data.action)[:actions])
@@ -63,12 +58,11 @@ def judged(departure: str, strength: str, number: int, actions: int, file=None) 
     data, scene, true = measured(departure, strength, number, actions, file)
     name = f"box {number}" if file is None else Path(file).stem
     row = {"departure": departure, "strength": strength, "box": name}
-    last, began = data.samples - 1, process_time()
-    try:
-        estimate = solve_estimate(data, scene)
-    except TactileError as error:
-        return row | {"cpu_s": process_time() - began, "refused": refusal(error)}
-    row |= {"cpu_s": process_time() - began, "refused": ""}
+    estimate, told = solved(data, scene)
+    row |= told
+    if estimate is None:
+        return row
+    last = data.samples - 1
     pose = true["object_position"][last], true["object_quaternion"][last]
     row |= errors_in(estimate, true["side_lengths"], *pose)
     faces = touched_faces(data, true["object_quaternion"][: last + 1], FACE_COSINE)
@@ -94,10 +88,10 @@ def errors_in(estimate, sides, position, quaternion) -> dict:
 
 
 @cache
-def warm() -> None:
+def warm(body=Box, shape="cuboid") -> None:
     """Compile the terms once in each process: CPU seconds are of estimates alone."""
-    data, scene, _ = measured("none", "", 0, 2)
-    solve_estimate(data, scene, throw=False)
+    data, scene, _ = measured("none", "", 0, 2, body=body)
+    solve_estimate(data, scene, shape=shape, throw=False)
 
 
 def cells(chosen) -> list[tuple]:

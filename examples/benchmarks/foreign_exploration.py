@@ -20,15 +20,15 @@ from time import process_time
 
 import numpy as np
 from exploration_report import comparison_lines
-from foreign import SCENE, arguments, errors_in, warm
+from foreign import arguments, errors_in, warm
 from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
-from foreign_report import ratios, refusal
-from foreign_world import REST, STEP, ForeignWorld, Simulation
+from foreign_report import ratios
+from foreign_world import REST, SCENE, STEP, ForeignWorld, Simulation
+from judging import placed, refusal
 from scipy.interpolate import PchipInterpolator
 from study import tabled_study, write_csv
 from trimesh.creation import box as box_mesh
-from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp import Measurements, Scene, TrueBody, explore, surface_distance
 from tactilenlp.errors import TactileError
@@ -74,10 +74,7 @@ class TouchedSimulation:
     def true_body(self, time: float) -> TrueBody:
         """Return the box where it was at the last sample."""
         position, quaternion = np.split(self.pose, [3])
-        mesh = box_mesh(self.box.sides)
-        mesh.apply_transform(
-            translation_matrix(position) @ quaternion_matrix(quaternion)
-        )
+        mesh = placed(box_mesh(self.box.sides), position, quaternion)
         return TrueBody(mesh, position, quaternion, self.box.sides)
 
 

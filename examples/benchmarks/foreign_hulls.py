@@ -12,20 +12,17 @@ distance between the surfaces.  The script writes foreign_hulls.csv (one row an
 estimate) and foreign_hulls_summary.csv (one row a departure and strength).
 """
 
-from functools import cache
-from time import process_time
-
 import numpy as np
 from exploration_objects import planes_off
-from foreign import arguments, cells, measured
+from foreign import arguments, cells, measured, warm
 from foreign_bodies import Hull
 from foreign_departures import DEPARTURES
-from foreign_report import BEYOND, COLOURS, WITHIN, median, refusal, summary
+from foreign_report import BEYOND, COLOURS, WITHIN, median, summary
+from judging import solved
 from regress import true_mesh
 from study import tabled_study, write_csv
 
-from tactilenlp import solve_estimate, surface_distance
-from tactilenlp.errors import TactileError
+from tactilenlp import surface_distance
 
 TOUCHES = 3  # that support a plane that is judged
 OF_HULLS = tuple(name for name in DEPARTURES if name != "edges")  # theirs are sharp
@@ -33,32 +30,23 @@ OF_HULLS = tuple(name for name in DEPARTURES if name != "edges")  # theirs are s
 
 def judged(departure: str, strength: str, number: int, actions: int) -> dict:
     """Return one row of the table [mm]."""
-    warm()
+    warm(Hull, "polytope")
     data, scene, true = measured(departure, strength, number, actions, body=Hull)
     row = {"departure": departure, "strength": strength, "hull": number}
     mesh = true_mesh(true)
-    began = process_time()
-    try:
-        estimate = solve_estimate(data, scene, shape="polytope")
-    except TactileError as error:
-        return row | {"cpu_s": process_time() - began, "refused": refusal(error)}
+    estimate, told = solved(data, scene, shape="polytope")
+    row |= told
+    if estimate is None:
+        return row
     planes = estimate.supporting_planes()
     known = planes.touches >= TOUCHES
     off = planes_off(planes, mesh)[known]
     return row | {
-        "cpu_s": process_time() - began, "refused": "",
         "verdict": estimate.fit.verdict, "nats": estimate.objective,
         "surface_mm": 1e3 * surface_distance(estimate.mesh(), mesh).mean,
         "off_mm": (1e3 * off).round(4).tolist(),
         "sigma_mm": (1e3 * planes.sigma[known]).round(4).tolist(),
     }  # fmt: skip
-
-
-@cache
-def warm() -> None:
-    """Compile the terms once in each process: CPU seconds are of estimates alone."""
-    data, scene, _ = measured("none", "", 0, 2, body=Hull)
-    solve_estimate(data, scene, shape="polytope", throw=False)
 
 
 def said(_, row: dict) -> str:

@@ -59,11 +59,6 @@ def summary(rows, summed=summed) -> list[dict]:
     return [summed(*cell, mine) for cell, mine in (cells_of(rows) | whole).items()]
 
 
-def refusal(error: Exception) -> str:
-    """Return what a row says of an error that ended an estimate."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
-
-
 def median(numbers) -> float:
     """Return the median; NaN of none."""
     return float(np.median(numbers)) if len(numbers) else np.nan

@@ -12,6 +12,8 @@ import numpy as np
 from foreign_bodies import Box
 from scipy.spatial.transform import Rotation
 
+from tactilenlp import Measurements, Scene
+
 STEP = 1 / 3000  # [s] of MuJoCo
 TIP_MASS = 0.05  # [kg] of a fingertip
 DURATION = 1.0  # [s] of an action
@@ -23,6 +25,7 @@ FINGERS = 2
 STIFF = "0.002 1", "0.99 0.999 0.001"  # solref, solimp of MuJoCo
 DEFAULT = "0.02 1", "0.9 0.95 0.001 0.5 2"
 GEL = "0.03 1", "0.7 0.95 0.005 0.5 2"
+SCENE = ("mass", "friction_ground", "friction_finger")  # of a recording
 
 
 @dataclass(frozen=True)
@@ -203,6 +206,13 @@ def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarra
         "finger_radius": np.full(FINGERS, world.radius),
         "mass": box.mass, "friction_ground": box.ground, "friction_finger": box.finger,
     }  # fmt: skip
+
+
+def told_of(true) -> tuple[Measurements, Scene]:
+    """Return the measurements and the scene among the arrays of a recording."""
+    names = ("time", "finger_position", "finger_radius", "contact", "normal")
+    data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
+    return data, Scene(**{k: float(true[k]) for k in SCENE})
 
 
 def row_of(simulation: Simulation, action: int) -> tuple:

@@ -24,6 +24,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from judging import planar_path
 from study import executor_of, mapped, study_parser, write_csv
 
 from formulations import multiple_shooting, violation_implicit
@@ -33,7 +34,7 @@ from formulations.sliding_path import path
 from formulations.time_stepping import Sliding
 from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of
-from tactilenlp.geometry.transforms import planar_matrix, rotation_of
+from tactilenlp.geometry.transforms import planar_matrix
 from tactilenlp.nlp.codegen import compiled
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.options import SolverOptions
@@ -59,9 +60,7 @@ class Recording:
         truth, data = np.load(file), Measurements.load(file)
         self.data = data.select(actions)
         self.scene, self.theta = Scene.load(file), truth["side_lengths"]
-        turn = rotation_of(truth["object_quaternion"])
-        yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
-        x = np.vstack([truth["object_position"][:, :2].T, yaw])
+        x = planar_path(truth["object_position"], truth["object_quaternion"])
         self.x = x[:, np.isin(data.action, actions)]
         self.body = Sliding(CUBOID, SPHERE, self.scene.mass, self.scene.gravity)
         self.precision = precision_of(self.data, self.scene)

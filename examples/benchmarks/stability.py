@@ -30,6 +30,7 @@ import numpy as np
 import stability_sensors
 import stability_solver
 import stability_world
+from judging import refusal
 from stability_judge import (
     COLOURS,
     CRASH,
@@ -91,8 +92,7 @@ def run(name, value, way) -> list[dict]:
     except TactileError as error:
         rows = [refused(error)]
     except Exception as error:  # any other is a defect: it counts, by its name
-        said = f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
-        rows = [row("estimate", CRASH, words=said)]
+        rows = [row("estimate", CRASH, words=refusal(error))]
     seconds = time.process_time() - began
     return [finished(cell, r, seconds / len(rows)) for r in rows]
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from judging import refusal
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import (
@@ -86,8 +87,7 @@ def row(part, verdict, error=np.nan, sigma=np.nan, words="") -> dict:
 
 def refused(error: TactileError, part="estimate") -> dict:
     """Return the row of an error that the package raised on purpose."""
-    said = " ".join(str(error).split())[:160]
-    return row(part, ERROR, words=f"{type(error).__name__}: {said}")
+    return row(part, ERROR, words=refusal(error))
 
 
 def solved(case: Case, way: str):

@@ -13,6 +13,7 @@ from resource import RUSAGE_SELF, getrusage
 from types import SimpleNamespace
 
 import numpy as np
+from judging import planar_path
 from scipy.spatial.transform import Rotation
 from stability_judge import RULE, Axis, Case, estimated, row, same, solved
 from stability_pages import Edited, InUnits, page_of
@@ -30,7 +31,6 @@ from tactilenlp import (
     information_gain,
 )
 from tactilenlp.data.sensor_noise import precision_of, smoothed
-from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.solve import solve_levels
 
@@ -60,9 +60,7 @@ def local(case: Case, page, theta, x, tolerance=TIGHT):
 
 def begun(case: Case):
     """Return sizes (3,) and path (3, T) of a start near the truth."""
-    turn = rotation_of(case.truth.quaternion)
-    yaw = np.unwrap(turn.as_euler("zyx")[:, 0])
-    x = np.vstack([case.truth.position[:, :2].T, yaw])
+    x = planar_path(case.truth.position, case.truth.quaternion)
     return case.truth.sides * 1.03, x + OFF[:, None]
 
 

@@ -23,27 +23,18 @@ cell) and time_against_error.png.
 from functools import cache
 from itertools import product
 from pathlib import Path
-from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
 from foreign_bodies import Box
-from foreign_world import DEFAULT, ForeignWorld, recorded
+from foreign_world import DEFAULT, ForeignWorld, recorded, told_of
+from judging import placed, solved, spread_samples
 from monte_carlo import NOISE
 from study import study_parser, tabled_study, write_csv
 from trimesh.creation import box
-from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import (
-    Measurements,
-    Noise,
-    Options,
-    Scene,
-    solve_estimate,
-    surface_distance,
-)
+from tactilenlp import Noise, Options, solve_estimate, surface_distance
 from tactilenlp.data.noise_model import add_noise
-from tactilenlp.errors import TactileError
 
 FORMULATIONS = (
     *("violation_implicit", "quasi_static", "shooting", "multiple_shooting"),
@@ -58,7 +49,6 @@ WORLDS = {
 PLACES = 12  # samples of a recording at which the surfaces are compared
 LIMIT = 120.0  # [s] of an estimate
 QUANTILES = (0.1, 0.5, 0.9)
-SCENE = ("mass", "friction_ground", "friction_finger")
 COLOURS = dict(zip(FORMULATIONS, plt.cm.tab10.colors, strict=False))
 
 
@@ -66,11 +56,10 @@ COLOURS = dict(zip(FORMULATIONS, plt.cm.tab10.colors, strict=False))
 def measured(world: str, number: int, actions: int):
     """Return measurements, scene and true arrays of a recording; it is simulated."""
     true = recorded(Box(number), WORLDS[world], actions)
-    names = ("time", "finger_position", "finger_radius", "contact", "normal")
-    data = Measurements(**{k: true[k] for k in (*names, "action", "valid")})
+    data, scene = told_of(true)
     if world == "noisy":
         data = add_noise(data, Noise(seed=number, **NOISE))
-    return data, Scene(**{k: float(true[k]) for k in SCENE}), true
+    return data, scene, true
 
 
 @cache
@@ -90,17 +79,14 @@ def estimated(
     row |= {"box": number, "refused": "", "success": False}
     data, scene, true = measured(world, number, most)
     data = data.select(range(actions))
-    began = process_time()
-    try:
-        estimate = solve_estimate(
-            data, scene, formulation=formulation, options=Options(time_limit=LIMIT),
-            throw=False,
-        )  # fmt: skip
-    except TactileError as error:
-        said = f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
-        return row | {"cpu_s": process_time() - began, "refused": said}
-    row |= {"cpu_s": process_time() - began, "success": bool(estimate.success)}
-    places = np.unique(np.linspace(0, data.samples - 1, PLACES).round().astype(int))
+    options = Options(time_limit=LIMIT)
+    how = {"formulation": formulation, "options": options, "throw": False}
+    estimate, told = solved(data, scene, **how)
+    row |= told
+    if estimate is None:
+        return row
+    row["success"] = bool(estimate.success)
+    places = spread_samples(data, PLACES)
     apart = [surfaces_apart(estimate, true, k) for k in places]
     verdict = estimate.fit.verdict if estimate.fit else ""
     row |= {"surface_mm": apart[-1], "path_mm": float(np.mean(apart))}
@@ -113,11 +99,8 @@ def surfaces_apart(estimate, true, sample: int) -> float:
         (estimate.side_lengths, estimate.position, estimate.quaternion),
         (true["side_lengths"], true["object_position"], true["object_quaternion"]),
     )
-    placed = [
-        box(sides, translation_matrix(p[sample]) @ quaternion_matrix(q[sample]))
-        for sides, p, q in bodies
-    ]
-    return 1e3 * surface_distance(*placed).mean
+    meshes = [placed(box(sides), p[sample], q[sample]) for sides, p, q in bodies]
+    return 1e3 * surface_distance(*meshes).mean
 
 
 def summary(rows) -> list[dict]:
