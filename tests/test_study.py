@@ -166,6 +166,16 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
 }
 
 
+def test_a_trial_is_told_by_its_case_and_what_its_last_row_has_of_some_columns(study):
+    say = study.telling("refused", "off_mm", "ratios")
+    last = {"refused": "", "off_mm": 1.2345, "ratios": [0.5, 2.0], "more": 1}
+    assert say(["box", 3], last) == "box 3: off_mm 1.23, ratios 2"
+    assert say(["box", 3], [{}, last]) == "box 3: off_mm 1.23, ratios 2"
+    assert say([4], {"refused": "no contact", "ratios": []}) == (
+        "4: refused no contact, ratios none"
+    )
+
+
 def threads():
     return [library["num_threads"] for library in threadpool_info()]
 

@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from judging import solved, spread_samples
 from scipy.stats import norm
-from study import study_parser, tabled_study
+from study import study_parser, tabled_study, telling
 from time_against_error import PLACES, WORLDS, measured, warm
 
 from tactilenlp.evaluation.metrics import cuboid_errors
@@ -30,6 +30,7 @@ from tactilenlp.evaluation.metrics import cuboid_errors
 MOST_ACTIONS = 6
 WITHIN = {"68.3 %": 1.0, "95 %": 1.96, "99.7 %": 3.0}  # [sigma]
 QUANTITIES = ("sizes", "position", "yaw", "path position", "path yaw")
+TOLD = ("refused", *QUANTITIES, "verdict", "cpu_s")  # of each estimate as it ends
 
 
 def judged(world: str, number: int) -> dict:
@@ -133,18 +134,6 @@ def draw(rows, path: Path) -> None:
     plt.close(figure)
 
 
-def said(case, row: dict) -> str:
-    """Return a judged estimate in words."""
-    where = f"{row['world']} box {row['box']}, {row['actions']} actions:"
-    if row["refused"]:
-        return f"{where} {row['refused']}"
-    worst = {name: numbers_of([row], name).max(initial=0.0) for name in QUANTITIES}
-    each = ", ".join(f"{name} {value:.1f}" for name, value in worst.items())
-    return (
-        f"{where} largest error / sigma {each}; {row['verdict']}, {row['cpu_s']:.1f} s"
-    )
-
-
 def main() -> None:
     parser = study_parser(__doc__)
     parser.add_argument("--count", type=int, default=200, help="boxes")
@@ -154,7 +143,7 @@ def main() -> None:
     boxes = range(chosen.first, chosen.first + chosen.count)
     cases = [(world, number) for number in boxes for world in chosen.worlds]
     path = chosen.folder / "calibration"
-    rows = tabled_study(chosen, path, judged, cases, say=said, table=coverage)
+    rows = tabled_study(chosen, path, judged, cases, say=telling(*TOLD), table=coverage)
     show(coverage(rows))
     draw(rows, path.with_suffix(".png"))
 

@@ -32,7 +32,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path
-from study import executor_of, run_study, study_parser, write_csv
+from study import executor_of, run_study, study_parser, telling, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -241,12 +241,6 @@ def draw(points, names, path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def said(case, r) -> str:
-    """Return a solve that ended in words."""
-    cell = " ".join(map(str, case[1:]))
-    return f"{cell} {r['mm']:.2f} mm {r['cpu_s']:.2f} s {r['status']}"
-
-
 def main() -> None:
     parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("files", nargs="+")
@@ -260,8 +254,9 @@ def main() -> None:
     stem = "ablation" if args.ablation else "formulations"
     asked = args.files, args.actions, args.starts, range(args.seeds), names
     kept = args.out / f"{stem}.jsonl"
+    say = telling("mm", "cpu_s", "status")
     with executor_of(args) as executor:
-        rows = run_study(kept, stem, run, product(*asked), executor, say=said)
+        rows = run_study(kept, stem, run, product(*asked), executor, say=say)
     judge(rows)
     write_csv(args.out / f"{stem}.csv", rows)
     draw(table(rows, names), names, args.out / f"{stem}.png")

@@ -12,7 +12,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from study import study_parser, tabled_study
+from study import study_parser, tabled_study, telling
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -107,13 +107,6 @@ def draw(rows, friction, file) -> None:
     figure.savefig(file, dpi=150)
 
 
-def rounded(_, row: dict) -> dict:
-    """Return a row with three digits after the point."""
-    return {
-        k: round(float(v), 3) if isinstance(v, float) else v for k, v in row.items()
-    }
-
-
 def main() -> None:
     parser = study_parser(__doc__, folder=False)
     parser.add_argument("file", type=Path)
@@ -131,7 +124,8 @@ def main() -> None:
         for shape in ("cuboid", "corners")
     ]
     path = given.folder / "cube_tosses"
-    rows = tabled_study(given, path, run, cases, say=rounded)
+    say = telling("vertex_mean_mm", "sigma_mm", "friction", "unobserved", "cpu_s")
+    rows = tabled_study(given, path, run, cases, say=say)
     tell(rows)
     draw(rows, known["friction_reported"], path.with_suffix(".png"))
 

@@ -27,7 +27,7 @@ import numpy as np
 from exploration_objects import SEED, planes_off, world_of
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
-from study import study_parser, tabled_study
+from study import study_parser, tabled_study, telling
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
@@ -159,12 +159,6 @@ def group_of(row) -> tuple:
     return (case, *(row[k] for k in ("vertices", "stage", "actions", "start")))
 
 
-def said(_, row) -> str:
-    """Return a row in words."""
-    case = " ".join(map(str, group_of(row)[1:]))
-    return f"{row['scene']} {case}: {row['t2e_mm']:.2f} mm, {row['cpu_s']:.1f} s"
-
-
 def summary(rows):
     """Print mean, median, p90 and worst of each group; the targets."""
     figures = ("t2e_mm", "e2t_mm", "touched_mm", "third_mm", "cpu_s")
@@ -231,7 +225,8 @@ def main():
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
     path = chosen.folder / "polytope"
-    rows = tabled_study(chosen, path, measured, cells_of(chosen), say=said)
+    say = telling("t2e_mm", "cpu_s")
+    rows = tabled_study(chosen, path, measured, cells_of(chosen), say=say)
     summary(rows)
     picture(rows, path.with_suffix(".png"))
 

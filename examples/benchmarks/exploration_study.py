@@ -23,7 +23,7 @@ from itertools import product
 import numpy as np
 from exploration_objects import corners, errors, guess_of, world_of
 from exploration_report import FILE, report
-from study import executor_of, run_study, study_parser, write_csv
+from study import executor_of, run_study, study_parser, telling, write_csv
 from trimesh.transformations import quaternion_matrix
 
 from tactilenlp import Scene, World, explore, vertex_information
@@ -84,16 +84,10 @@ def study(arguments) -> list[dict]:
     cases = [(*case, *rest.values()) for case in product(numbers, *asked[1:])]
     with executor_of(arguments) as executor:
         found = run_study(
-            arguments.folder / FILE, "exploration", run, cases, executor, rest, _words
-        )
+            arguments.folder / FILE, "exploration", run, cases, executor, rest,
+            say=telling("error", "p2s_mm"),
+        )  # fmt: skip
     return [row for rows in found for row in rows]
-
-
-def _words(case, rows) -> str:
-    last = rows[-1]
-    trial, policy, start, *_ = case
-    ended = last.get("error") or f"{last['p2s_mm']:.3f} mm"
-    return f"trial {trial}, {policy}, {start}: {ended}"
 
 
 def tabled(row: dict) -> dict:

@@ -25,13 +25,15 @@ from foreign_departures import DEPARTURES
 from foreign_report import picture, show, summary
 from foreign_world import ForeignWorld, recorded, told_of
 from judging import solved
-from study import study_parser, tabled_study, write_csv
+from study import study_parser, tabled_study, telling, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.geometry.faces import touched_faces
 from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
+
+TOLD = ("refused", *(f"side_{a}_error" for a in "xyz"), "verdict", "cpu_s")
 
 
 def measured(
@@ -108,16 +110,6 @@ def cells(chosen) -> list[tuple]:
     ]
 
 
-def said(_, row: dict) -> str:
-    """Return a row in words."""
-    where = f"{row['departure']} {row['strength']}, {row['box']}:"
-    if row["refused"]:
-        return f"{where} {row['refused']}"
-    sides = [(row[f"side_{a}_error"], row[f"side_{a}_sigma"]) for a in "xyz"]
-    each = ", ".join(f"{e:.2f} ({s:.2f})" for e, s in sides)
-    return f"{where} sides off by {each} mm, {row['verdict']}, {row['cpu_s']:.1f} s"
-
-
 def arguments(about: str, bodies: str, count: int, actions: int, departures):
     """Return the parser of a study of so many bodies by departure."""
     parser = study_parser(about)
@@ -136,7 +128,7 @@ def main() -> None:
     parser.add_argument("--recordings", nargs="*", default=[])
     chosen = parser.parse_args()
     path = chosen.folder / "foreign"
-    rows = tabled_study(chosen, path, judged, cells(chosen), say=said)
+    rows = tabled_study(chosen, path, judged, cells(chosen), say=telling(*TOLD))
     table = summary(rows)
     write_csv(chosen.folder / "foreign_summary.csv", table)
     show(table)

@@ -27,7 +27,7 @@ from foreign_report import ratios
 from foreign_world import REST, SCENE, STEP, ForeignWorld, Simulation
 from judging import placed, refusal
 from scipy.interpolate import PchipInterpolator
-from study import tabled_study, write_csv
+from study import tabled_study, telling, write_csv
 from trimesh.creation import box as box_mesh
 
 from tactilenlp import Measurements, Scene, TrueBody, explore, surface_distance
@@ -150,15 +150,6 @@ def compared(rows) -> list[str]:
     return lines
 
 
-def said(case, rows: list[dict]) -> str:
-    """Return an exploration in words."""
-    words = [
-        r["refused"] or f"{r['surface_mm']:.2f} ({r['verdict']}, {ratios(r).max():.1f})"
-        for r in rows
-    ]
-    return f"{case}: {'; '.join(words)}"
-
-
 def rows_of(trials) -> list[dict]:
     """Return the rows of all trials: one per action."""
     return [row for trial in trials for row in trial]
@@ -180,7 +171,8 @@ def main() -> None:
         for policy in chosen.policies
     ]
     path = chosen.folder / "foreign_exploration"
-    found = tabled_study(chosen, path, explored, cases, say=said, table=rows_of)
+    say = telling("refused", "surface_mm", "verdict")
+    found = tabled_study(chosen, path, explored, cases, say=say, table=rows_of)
     table = summary(rows_of(found))
     write_csv(chosen.folder / "foreign_exploration_summary.csv", table)
     for row in table:

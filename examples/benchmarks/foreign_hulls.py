@@ -20,11 +20,12 @@ from foreign_departures import DEPARTURES
 from foreign_report import BEYOND, COLOURS, WITHIN, median, summary
 from judging import solved
 from regress import true_mesh
-from study import tabled_study, write_csv
+from study import tabled_study, telling, write_csv
 
 from tactilenlp import surface_distance
 
 TOUCHES = 3  # that support a plane that is judged
+TOLD = ("refused", "surface_mm", "off_mm", "verdict", "nats", "cpu_s")
 OF_HULLS = tuple(name for name in DEPARTURES if name != "edges")  # theirs are sharp
 
 
@@ -47,20 +48,6 @@ def judged(departure: str, strength: str, number: int, actions: int) -> dict:
         "off_mm": (1e3 * off).round(4).tolist(),
         "sigma_mm": (1e3 * planes.sigma[known]).round(4).tolist(),
     }  # fmt: skip
-
-
-def said(_, row: dict) -> str:
-    """Return a row in words."""
-    where = f"{row['departure']} {row['strength']}, hull {row['hull']}:"
-    if row["refused"]:
-        return f"{where} {row['refused']}"
-    off, sigma = np.array(row["off_mm"]), np.array(row["sigma_mm"])
-    worst = (off / sigma).max(initial=0.0)
-    return (
-        f"{where} {row['surface_mm']:.2f} mm, {len(off)} planes off by "
-        f"{median(off):.2f} mm, at most {off.max(initial=0.0):.2f} and {worst:.1f} "
-        f"sigma, {row['verdict']}, {row['nats']:.1f} nats, {row['cpu_s']:.1f} s"
-    )
 
 
 def summed(departure: str, strength: str, rows: list[dict]) -> dict:
@@ -86,7 +73,7 @@ def main() -> None:
     parser = arguments(__doc__, "hulls", 6, 6, OF_HULLS)
     chosen = parser.parse_args()
     path = chosen.folder / "foreign_hulls"
-    rows = tabled_study(chosen, path, judged, cells(chosen), say=said)
+    rows = tabled_study(chosen, path, judged, cells(chosen), say=telling(*TOLD))
     table = summary(rows, summed)
     write_csv(chosen.folder / "foreign_hulls_summary.csv", table)
     for row in table:

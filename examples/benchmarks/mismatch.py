@@ -23,7 +23,7 @@ from exploration_objects import planes_off, world_of
 from judging import solved
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from study import study_parser, tabled_study
+from study import study_parser, tabled_study, telling
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 from trimesh.transformations import translation_matrix
@@ -41,6 +41,7 @@ ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time
 TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
 MISSED = 4e-3  # [m] by which an action aims beside the centroid
 SEED = 2027
+TOLD = ("said", "best_mm", "error_mm", "wrong", "faces", "nats")
 
 
 def prism(sides: int, radius=0.025, height=0.04) -> np.ndarray:
@@ -177,15 +178,6 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     }
 
 
-def said(_, row) -> str:
-    """Return a row in words."""
-    text = f"{row['body']} as {row['class']} {row['trial']}: best {row['best_mm']:.2f}"
-    if row["said"]:
-        return f"{text} mm, {row['said']}"
-    return (f"{text}, error {row['error_mm']:.2f} mm, {row['wrong']} of "
-            f"{row['faces']} faces wrong, {row['nats']:.2f} nats a touch")  # fmt: skip
-
-
 def summary(rows) -> None:
     """Print medians of each body, its confident errors and refusals."""
     print(f"{'body':22}{'class':10}  best  error  at touches: best  error"
@@ -241,7 +233,7 @@ def main() -> None:
         (*body, k, chosen.actions) for body in BODIES for k in range(chosen.trials)
     ]
     path = chosen.folder / "mismatch"
-    rows = tabled_study(chosen, path, measured, cells, say=said)
+    rows = tabled_study(chosen, path, measured, cells, say=telling(*TOLD))
     summary(rows)
     picture(rows, path.with_suffix(".png"))
 

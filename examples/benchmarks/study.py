@@ -82,6 +82,26 @@ def tabled_study(arguments, path, function, cases, say=None, table=None):
     return results
 
 
+def telling(*columns):
+    """Return what says of a trial that ended its case and some columns.
+
+    Of a trial of several rows they are those of the last row; of a column of lists it
+    is the largest number.  What a row does not have is left out.
+    """
+
+    def words(value) -> str:
+        if isinstance(value, list):
+            value = max(value, default="none")
+        return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    def say(case, result) -> str:
+        row = result[-1] if isinstance(result, list) else result
+        told = [f"{c} {words(row[c])}" for c in columns if row.get(c, "") != ""]
+        return f"{' '.join(map(str, case))}: {', '.join(told)}"
+
+    return say
+
+
 def results_of(path, name: str) -> list:
     """Return what is kept of a study so far, in the order in which trials ended."""
     return [*_taken_up(Path(path), {"study": name}).values()]

@@ -30,7 +30,7 @@ from foreign_bodies import Box
 from foreign_world import DEFAULT, ForeignWorld, recorded, told_of
 from judging import placed, solved, spread_samples
 from monte_carlo import NOISE
-from study import study_parser, tabled_study, write_csv
+from study import study_parser, tabled_study, telling, write_csv
 from trimesh.creation import box
 
 from tactilenlp import Noise, Options, solve_estimate, surface_distance
@@ -49,6 +49,7 @@ WORLDS = {
 PLACES = 12  # samples of a recording at which the surfaces are compared
 LIMIT = 120.0  # [s] of an estimate
 QUANTILES = (0.1, 0.5, 0.9)
+TOLD = ("refused", "surface_mm", "path_mm", "success", "cpu_s")
 COLOURS = dict(zip(FORMULATIONS, plt.cm.tab10.colors, strict=False))
 
 
@@ -174,15 +175,6 @@ def draw(table, path: Path) -> None:
     plt.close(figure)
 
 
-def said(case, row: dict) -> str:
-    """Return an estimate that ended in words."""
-    where = " ".join(map(str, case[:4]))
-    if row["refused"]:
-        return f"{where}: {row['refused']}"
-    words = f"surface {row['surface_mm']:.2f} mm, path {row['path_mm']:.2f} mm"
-    return f"{where}: {words}, {row['cpu_s']:.1f} s" + " failed" * (not row["success"])
-
-
 def main() -> None:
     parser = study_parser(__doc__)
     parser.add_argument("--count", type=int, default=20, help="boxes")
@@ -199,7 +191,7 @@ def main() -> None:
         )
     ]
     path = chosen.folder / "time_against_error"
-    rows = tabled_study(chosen, path, estimated, cases, say=said)
+    rows = tabled_study(chosen, path, estimated, cases, say=telling(*TOLD))
     table = summary(rows)
     write_csv(chosen.folder / "summary.csv", table)
     show(table)

@@ -17,7 +17,7 @@ from time import process_time
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
-from study import study_parser, tabled_study
+from study import study_parser, tabled_study, telling
 
 from tactilenlp import Scene, Trajectories, identify_body
 from tactilenlp.errors import TactileError
@@ -128,7 +128,8 @@ def main() -> None:
     given = parser.parse_args()
     cases = [[number, given.tosses] for number in range(given.boxes)]
     path = given.folder / "tossed_boxes"
-    rows = tabled_study(given, path, run, cases, say=lambda _, row: row)
+    say = telling("failure", "off_mm", "sigmas", "verdict", "cpu_s")
+    rows = tabled_study(given, path, run, cases, say=say)
     draw(rows, path.with_suffix(".png"))
     tell(rows)
 
