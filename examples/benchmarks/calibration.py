@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from judging import solved, spread_samples
 from scipy.stats import norm
-from study import study_parser, tabled_study, telling
+from study import grouped, study_parser, tabled_study, telling
 from time_against_error import PLACES, WORLDS, measured, warm
 
 from tactilenlp.evaluation.metrics import cuboid_errors
@@ -75,8 +75,7 @@ def numbers_of(rows, quantity: str) -> np.ndarray:
 def coverage(rows) -> list[dict]:
     """Return a row for every world, quantity, and kind of verdict."""
     table = []
-    for world in dict.fromkeys(row["world"] for row in rows):
-        mine = [row for row in rows if row["world"] == world]
+    for (world,), mine in grouped(rows, "world").items():
         kept = [row for row in mine if not row["refused"]]
         good = [row for row in kept if row["verdict"] == "good"]
         for verdict, chosen in (("any", kept), ("good", good)):
@@ -109,14 +108,14 @@ def show(table) -> None:
 
 def draw(rows, path: Path) -> None:
     """Plot the share of numbers within each interval against its probability."""
-    worlds = list(dict.fromkeys(row["world"] for row in rows))
+    worlds = grouped(rows, "world")
     figure, axes = plt.subplots(
         1, len(worlds), figsize=(3.4 * len(worlds) + 0.6, 4.2), sharey=True,
         layout="constrained", squeeze=False,
     )  # fmt: skip
     wanted = np.linspace(0.01, 0.99, 99)
-    for axis, world in zip(axes[0], worlds, strict=True):
-        mine = [row for row in rows if row["world"] == world and not row["refused"]]
+    for axis, ((world,), every) in zip(axes[0], worlds.items(), strict=True):
+        mine = [row for row in every if not row["refused"]]
         for quantity in QUANTITIES:
             found = numbers_of(mine, quantity)
             share = [np.mean(found <= z) for z in norm.ppf((1 + wanted) / 2)]

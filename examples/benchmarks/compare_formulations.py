@@ -32,7 +32,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path
-from study import executor_of, run_study, study_parser, telling, write_csv
+from study import executor_of, grouped, run_study, study_parser, telling, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -174,11 +174,10 @@ def gained(problem, window, scene, s) -> float:
 
 def judge(rows) -> None:
     """Say of each row whether it is the best that its formulation found there."""
-    for r in rows:
-        cell = ("scene", "actions", "page")
-        rivals = [q for q in rows if all(q[k] == r[k] for k in cell) and q["converged"]]
-        lowest = min((q["nats"] for q in rivals), default=-np.inf)
-        r["best"] = bool(r["converged"] and r["nats"] < lowest + SAME)
+    for rivals in grouped(rows, "scene", "actions", "page").values():
+        lowest = min((r["nats"] for r in rivals if r["converged"]), default=-np.inf)
+        for r in rivals:
+            r["best"] = bool(r["converged"] and r["nats"] < lowest + SAME)
 
 
 def front(points) -> list[bool]:

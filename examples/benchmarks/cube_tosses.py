@@ -12,7 +12,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from study import study_parser, tabled_study, telling
+from study import grouped, study_parser, tabled_study, telling
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -55,8 +55,7 @@ def tell(rows) -> None:
     """Print median and worst of every size, by shape."""
     print("shape    tosses groups  vertices off [mm]  sigma [mm]  friction ± sigma  "
           "CPU s (worst)")  # fmt: skip
-    for shape, size in dict.fromkeys((r["shape"], r["tosses"]) for r in rows):
-        mine = [r for r in rows if (r["shape"], r["tosses"]) == (shape, size)]
+    for (shape, size), mine in grouped(rows, "shape", "tosses").items():
 
         def column(name, rows=mine):
             return np.array([r[name] for r in rows])
@@ -84,10 +83,9 @@ def draw(rows, friction, file) -> None:
         ):
             style = {"mfc": "none", "color": colour, "label": shape}
             axis.plot(x, [r[name] for r in mine], "o", **style)
-        sizes = sorted({r["tosses"] for r in mine})
-        sigma = [
-            np.median([r["sigma_mm"] for r in mine if r["tosses"] == n]) for n in sizes
-        ]
+        groups = sorted(grouped(mine, "tosses").items())
+        sizes = [size for (size,), _ in groups]
+        sigma = [np.median([r["sigma_mm"] for r in some]) for _, some in groups]
         # The mean length of a vector of three such components is about 1.6 sigma.
         axes[0].plot(sizes, 1.6 * np.array(sigma), "--", color=colour,
                      label=f"{shape}, predicted")  # fmt: skip

@@ -27,7 +27,7 @@ from foreign_report import ratios
 from foreign_world import REST, SCENE, STEP, ForeignWorld, Simulation
 from judging import placed, refusal
 from scipy.interpolate import PchipInterpolator
-from study import tabled_study, telling, write_csv
+from study import grouped, tabled_study, telling, write_csv
 from trimesh.creation import box as box_mesh
 
 from tactilenlp import Measurements, Scene, TrueBody, explore, surface_distance
@@ -110,16 +110,10 @@ def explored(departure, strength, number, actions, policy) -> list[dict]:
 
 def summary(rows) -> list[dict]:
     """Return one row for every world, policy and number of actions."""
-    cells = {}
-    for row in rows:
-        key = row["departure"], row["strength"], row["policy"], row["action"]
-        cells.setdefault(key, []).append(row)
+    cell = "departure", "strength", "policy", "action"
     return [
-        dict(
-            zip(("departure", "strength", "policy", "action"), key, strict=True),
-            **summed(cell),
-        )
-        for key, cell in sorted(cells.items())
+        dict(zip(cell, key, strict=True), **summed(mine))
+        for key, mine in sorted(grouped(rows, *cell).items())
     ]
 
 
@@ -140,11 +134,11 @@ def summed(rows) -> dict:
 def compared(rows) -> list[str]:
     """Return the tests of all policies against random actions, world by world."""
     lines = []
-    for world in dict.fromkeys((r["departure"], r["strength"]) for r in rows):
+    for world, explored in grouped(rows, "departure", "strength").items():
         mine = [
             {"trial": r["box"], "start": " ".join(world), "policy": r["policy"],
              "action": r["action"], "p2s_mm": r.get("surface_mm", np.inf)}
-            for r in rows if (r["departure"], r["strength"]) == world
+            for r in explored
         ]  # fmt: skip
         lines += comparison_lines(mine, "p2s_mm")
     return lines

@@ -2,7 +2,9 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+from study import grouped
 
+CELL = ("departure", "strength")
 SIZES = tuple(f"side_{a}" for a in "xyz")
 NUMBERS = (*SIZES, *(f"{p}_{a}" for p in ("position", "rotation") for a in "xyz"))
 WITHIN, BEYOND = 3.0, 5.0  # [sigma]
@@ -22,14 +24,6 @@ def ratios(row: dict, names=NUMBERS) -> np.ndarray:
 def touched(row: dict) -> list[str]:
     """Return the names of the sizes that are touched on both faces."""
     return [f"side_{a}" for a in "xyz" if not row["refused"] and row[f"touched_{a}"]]
-
-
-def cells_of(rows) -> dict[tuple[str, str], list[dict]]:
-    """Return the rows of every departure and strength."""
-    cells = {}
-    for row in rows:
-        cells.setdefault((row["departure"], row["strength"]), []).append(row)
-    return cells
 
 
 def summed(departure: str, strength: str, rows: list[dict]) -> dict:
@@ -55,8 +49,8 @@ def summed(departure: str, strength: str, rows: list[dict]) -> dict:
 
 def summary(rows, summed=summed) -> list[dict]:
     """Return one row for every departure and strength, and one for all."""
-    whole = {("all", ""): rows}
-    return [summed(*cell, mine) for cell, mine in (cells_of(rows) | whole).items()]
+    cells = grouped(rows, *CELL) | {("all", ""): rows}
+    return [summed(*cell, mine) for cell, mine in cells.items()]
 
 
 def median(numbers) -> float:
@@ -80,7 +74,7 @@ def show(table: list[dict]) -> None:
 
 def picture(rows, path) -> None:
     """Draw errors of touched sizes, and all errors in sigma, by departure."""
-    cells = cells_of(rows)
+    cells = grouped(rows, *CELL)
     size = max(7.0, 2 + 0.32 * len(cells)), 7.5
     figure, (accuracy, calibration) = plt.subplots(2, 1, figsize=size, sharex=True)
     for k, mine in enumerate(cells.values()):

@@ -18,7 +18,7 @@ from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
-from study import executor_of, run_study, study_parser, write_csv
+from study import executor_of, grouped, run_study, study_parser, write_csv
 
 from tactilenlp import Measurements, Scene
 from tactilenlp.data.mistakes import most_likely, record_of
@@ -155,8 +155,7 @@ def judged(path: str, correct: bool) -> list[list]:
 def table_of(rows: list[dict]) -> list[dict]:
     """Return a line a group of mistakes: how many were made, and the share found."""
     table = []
-    for group in dict.fromkeys(row["group"] for row in rows):
-        mine = [row for row in rows if row["group"] == group]
+    for (group,), mine in grouped(rows, "group").items():
         told = [row for row in mine if not row["untold"]]
         found = np.array([bool(row["refused"]) for row in told])
         cpu = [row["cpu_s"] for row in mine]

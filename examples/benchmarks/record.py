@@ -15,12 +15,12 @@ import argparse
 import csv
 import io
 import sys
-from collections import defaultdict
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
 import numpy as np
+from study import grouped
 
 from tactilenlp.common.npz import versions
 from tactilenlp.common.whole_file import write_whole
@@ -102,18 +102,15 @@ def read(path) -> list[dict]:
 
 def condensed(name: str, rows) -> list[dict]:
     """Return the lines of a record: every quantity of every group."""
-    recipe, groups = RECIPES[name], defaultdict(list)
-    for row in rows:
-        groups[", ".join(row[column] for column in recipe.by)].append(row)
-    lines = []
-    for group, some in groups.items():
+    recipe, lines = RECIPES[name], []
+    for group, some in grouped(rows, *recipe.by).items():
         for q in recipe.quantities:
             values = np.array([number(row[q.column]) for row in some])
             values = values[~np.isnan(values)]
             value = STATISTICS[q.statistic](values) if len(values) else np.nan
             tolerance = max(q.least, q.relative * abs(value))
             lines.append({
-                "group": group, "quantity": f"{q.statistic} {q.column}",
+                "group": ", ".join(group), "quantity": f"{q.statistic} {q.column}",
                 "value": f"{value:.6g}", "tolerance": f"{tolerance:.3g}",
                 "worse": q.worse, "rows": len(some),
             })  # fmt: skip

@@ -26,7 +26,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from reductions_report import BASE, NONE, failed, print_pairs, print_table
-from study import executor_of, mapped, study_parser, write_csv
+from study import executor_of, grouped, mapped, study_parser, write_csv
 
 from formulations import polytope_violation_implicit, violation_implicit
 from formulations.polytope import polytope
@@ -256,8 +256,8 @@ def main() -> None:
         for found in mapped(executor, scene_table, cases):
             rows += found
             print_table(found)
-    for name in dict.fromkeys(row["class"] for row in rows):
-        print_pairs(name, [row for row in rows if row["class"] == name])
+    for (name,), some in grouped(rows, "class").items():
+        print_pairs(name, some)
     write_csv(arguments.out / "reductions.csv", rows)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
-from study import results_of, write_csv
+from study import grouped, results_of, write_csv
 
 FILE = "monte_carlo.jsonl"  # of the study, in its folder
 KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
@@ -24,14 +24,15 @@ KNOWN = 1e-4  # [-] of the others: a direction this sharp is known exactly
 
 def rows_of(folder: Path) -> dict[str, list[dict]]:
     """Return the successful rows by scene, and say how many failed."""
-    found, failed = {}, {}
+    found = {}
     rows = results_of(folder / FILE, "monte carlo")
-    for row in sorted(rows, key=lambda row: row["scene"]):
-        kept = found if row["success"] else failed
-        kept.setdefault(row["scene"], []).append(row)
-    for scene, rows in failed.items():
-        print(f"{scene}: {len(rows)} of {len(rows) + len(found.get(scene, []))} failed")
-    return {scene: rows for scene, rows in found.items() if len(rows) > 2}
+    for (scene,), some in sorted(grouped(rows, "scene").items()):
+        good = [row for row in some if row["success"]]
+        if len(good) < len(some):
+            print(f"{scene}: {len(some) - len(good)} of {len(some)} failed")
+        if len(good) > 2:
+            found[scene] = good
+    return found
 
 
 def compare(scene: str, rows: list[dict]) -> list[dict]:

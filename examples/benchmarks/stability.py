@@ -45,6 +45,7 @@ from stability_judge import (
 )
 from study import (
     executor_of,
+    grouped,
     one_thread,
     results_of,
     run_study,
@@ -186,9 +187,7 @@ def summary(rows) -> str:
 
     A cell passes if each of its parts does.
     """
-    cells = {}
-    for r in rows:
-        cells.setdefault(tuple(r[k] for k in KEYS), []).append(r)
+    cells = grouped(rows, *KEYS)
     passed = {cell: all(r["passed"] for r in some) for cell, some in cells.items()}
     lines = [f"{'axis':20}{'cells':>6}{'pass':>6}{'right':>6}{'CPU s':>7}  rule"]
     for name in dict.fromkeys(cell[0] for cell in cells):

@@ -102,6 +102,14 @@ def telling(*columns):
     return say
 
 
+def grouped(rows, *columns) -> dict[tuple, list[dict]]:
+    """Return the rows by what they have in some columns, in order of appearance."""
+    groups = {}
+    for row in rows:
+        groups.setdefault(tuple(row[column] for column in columns), []).append(row)
+    return groups
+
+
 def results_of(path, name: str) -> list:
     """Return what is kept of a study so far, in the order in which trials ended."""
     return [*_taken_up(Path(path), {"study": name}).values()]

@@ -30,7 +30,7 @@ from foreign_bodies import Box
 from foreign_world import DEFAULT, ForeignWorld, recorded, told_of
 from judging import placed, solved, spread_samples
 from monte_carlo import NOISE
-from study import study_parser, tabled_study, telling, write_csv
+from study import grouped, study_parser, tabled_study, telling, write_csv
 from trimesh.creation import box
 
 from tactilenlp import Noise, Options, solve_estimate, surface_distance
@@ -106,13 +106,10 @@ def surfaces_apart(estimate, true, sample: int) -> float:
 
 def summary(rows) -> list[dict]:
     """Return a row a cell: quantiles of what was estimated, and how many were not."""
-    table = []
-    for key in dict.fromkeys(
-        (r["world"], r["formulation"], r["actions"]) for r in rows
-    ):
-        mine = [r for r in rows if (r["world"], r["formulation"], r["actions"]) == key]
+    table, names = [], ("world", "formulation", "actions")
+    for key, mine in grouped(rows, *names).items():
         solved = [r for r in mine if r["success"]]
-        cell = dict(zip(("world", "formulation", "actions"), key, strict=True))
+        cell = dict(zip(names, key, strict=True))
         cell |= {"n": len(mine), "refused": sum(bool(r["refused"]) for r in mine)}
         cell |= {"failed": len(mine) - len(solved) - cell["refused"]}
         for name in ("cpu_s", "surface_mm", "path_mm"):
