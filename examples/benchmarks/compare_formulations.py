@@ -24,80 +24,61 @@ the derivation of term functions.  Failed solves are counted, not omitted.
 The truth is read here, for starts and errors, never by the package.
 """
 
-import importlib
 import time
+from importlib import import_module
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from judging import planar_path
+from judging import planar_path, stated
 from study import executor_of, grouped, run_study, study_parser, telling, write_csv
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
 from formulations import paper, shooting, violation_implicit
-from formulations.shape import CUBOID
-from tactilenlp import Measurements, Problem, Scene, SolverOptions, surface_distance
-from tactilenlp.data.sensor_noise import precision_of, smoothed
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp import Measurements, Scene, SolverOptions, extend, surface_distance
 from tactilenlp.solvers.solve import solve_levels
 
 PAGES = (
     *("quasi_static", "violation_implicit", "paper"),
     *("shooting", "multiple_shooting", "complementarity"),
 )
-PHYSICS = ("complementarity", "dissipation", "penetration", "inelasticity", "dynamics")
+PHYSICS = {  # of the page `paper`: what is left out in turn, and its terms
+    "complementarity": ("finger complementarity", "ground complementarity"),
+    "dissipation": ("finger dissipation", "ground dissipation"),
+    "penetration": tuple(
+        f"{who} penetration" for who in ("felt finger", "free finger", "ground", "rest")
+    ),
+    "inelasticity": ("finger inelasticity", "ground inelasticity"),
+    "dynamics": ("dynamics",),
+}
 STARTS = {"near": (1e-3, 2, 0.05), "far": (5e-3, 10, 0.2)}  # m, degrees, of a size
 LIMIT, WAIT = 20.0, 600.0  # [CPU s], [s] of a level
 SAME = 2.0  # [nats] of the best objective
 
 
-class LooseFirst:
-    """Eq:vimp by the levels it has for guessed poses: it starts as soft as shooting."""
-
-    build, LEVELS = staticmethod(violation_implicit.build), violation_implicit.ROUGH
-
-
-class SharpShooting:
-    """Single shooting as it is written: no softer problem is solved first."""
-
-    build, REDUCTIONS = staticmethod(shooting.build), shooting.REDUCTIONS
-    LEVELS = shooting.LEVELS[-1:]
-
-
-class Without:
-    """The page `paper` with some of its physics left out."""
-
-    LEVELS = paper.LEVELS
-
-    def __init__(self, *words):
-        self.words = words
-
-    def build(self, nlp, window, scene, shape):
-        minimize = nlp.minimize
-
-        def kept(name, *args, role):
-            if not any(word in name for word in self.words):
-                minimize(name, *args, role=role)
-
-        nlp.minimize = kept
-        paper.build(nlp, window, scene, shape)
-
-
-ABLATION = {"all": Without()} | {f"no {word}": Without(word) for word in PHYSICS}
-FORMULATIONS = (*PAGES, "loose first", "shooting, sharp")
+# Names of the table that are no formulations: pages with other levels or fewer terms.
+VARIANTS = {
+    "loose first": SimpleNamespace(  # by the levels for guessed poses: it begins soft
+        build=violation_implicit.build, LEVELS=violation_implicit.ROUGH
+    ),
+    "shooting, sharp": SimpleNamespace(
+        build=shooting.build, REDUCTIONS=shooting.REDUCTIONS,
+        LEVELS=shooting.LEVELS[-1:],
+    ),
+}  # fmt: skip
+FORMULATIONS = (*PAGES, *VARIANTS)
+ABLATION = {"all": paper} | {
+    f"no {word}": extend("paper", without=terms) for word, terms in PHYSICS.items()
+}
 
 
 def page_of(name: str):
     """Return the page of a name that the table has."""
-    if name in ABLATION:
-        return ABLATION[name]
-    if name == "loose first":
-        return LooseFirst
-    if name == "shooting, sharp":
-        return SharpShooting
-    return importlib.import_module(f"formulations.{name}")
+    known = VARIANTS | ABLATION
+    return known[name] if name in known else import_module(f"formulations.{name}")
 
 
 def started(kind, truth, x, seed):
@@ -122,13 +103,7 @@ def run(file, na, kind, seed, name) -> dict:
     x = planar_path(truth["object_position"], truth["object_quaternion"])
     x = x[:, : data.samples]
     theta, start = started(kind, truth, x, seed)
-    precision = precision_of(data, scene)
-    known = smoothed(data, precision), scene, CUBOID, precision
-    window = reduce(
-        *known, required_reductions(page, Reductions()), guess=(theta, start)
-    )
-    problem = Problem()
-    page.build(problem, window, scene, CUBOID)
+    problem, window = stated(page, data, scene, theta, start)
     _ = problem.functions  # kinds are derived, and compiled, before the clock runs
     options, solvers = SolverOptions(time_limit=WAIT, ipopt={"max_cpu_time": LIMIT}), {}
     began = time.process_time()

@@ -1,4 +1,4 @@
-"""What benchmarks share that judge estimates by the truth."""
+"""What benchmarks share that judge estimates by the truth, or solve from it."""
 
 from time import process_time
 
@@ -6,9 +6,12 @@ import numpy as np
 from trimesh import Trimesh
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
-from tactilenlp import solve_estimate
+from formulations.shape import CUBOID
+from tactilenlp import Problem, solve_estimate
+from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry.transforms import rotation_of
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 
 def refusal(error: Exception) -> str:
@@ -44,3 +47,15 @@ def planar_path(position, quaternion) -> np.ndarray:
     """Return the planar poses (3, T) [m, m, rad] of a body that stays upright."""
     yaw = np.unwrap(rotation_of(quaternion).as_euler("zyx")[:, 0])
     return np.vstack([position[:, :2].T, yaw])
+
+
+def stated(page, data, scene, theta, x):
+    """Return the problem that a page states of a box, and its reduced window.
+
+    theta (3,) [m] and x (3, T): sizes and planar poses that a solve will start from.
+    """
+    precision, made = precision_of(data, scene), required_reductions(page, Reductions())
+    known = smoothed(data, precision), scene, CUBOID, precision, made
+    window, problem = reduce(*known, guess=(theta, x)), Problem()
+    page.build(problem, window, scene, CUBOID)
+    return problem, window

@@ -13,25 +13,21 @@ from resource import RUSAGE_SELF, getrusage
 from types import SimpleNamespace
 
 import numpy as np
-from judging import planar_path
+from judging import planar_path, stated
 from scipy.spatial.transform import Rotation
 from stability_judge import RULE, Axis, Case, estimated, row, same, solved
 from stability_pages import Edited, InUnits, page_of
 from stability_scenes import recorded
 
-from formulations.shape import CUBOID
 from tactilenlp import (
     ExpectedInformation,
     Ground,
     Guess,
     Options,
-    Problem,
     SolverOptions,
     Workspace,
     information_gain,
 )
-from tactilenlp.data.sensor_noise import precision_of, smoothed
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.solve import solve_levels
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
@@ -44,11 +40,7 @@ LOCAL = ("cuboid", "shooting", "complementarity")
 
 def local(case: Case, page, theta, x, tolerance=TIGHT):
     """Solve a page once from sizes (3,) and a path (3, T): no search."""
-    precision = precision_of(case.data, case.scene)
-    known = smoothed(case.data, precision), case.scene, CUBOID, precision
-    window = reduce(*known, required_reductions(page, Reductions()), guess=(theta, x))
-    problem = Problem()
-    page.build(problem, window, case.scene, CUBOID)
+    problem, window = stated(page, case.data, case.scene, theta, x)
     options = SolverOptions(tolerance=tolerance)
     start = {"theta": theta, "x": x[:, window.last]}
     solution = solve_levels(problem, page.LEVELS, start, options)
