@@ -20,6 +20,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 from time import process_time
 
@@ -59,12 +60,17 @@ def estimated(name: str):
         *_, step = explore(World(BOX), actions=3, seed=0)
         return step.estimate, step.errors["surface"]
     file = file_of(name)
-    with np.load(file) as stored:
-        truth = {key: stored[key] for key in stored.files}
+    truth = truth_of(file)
     shape = "cuboid" if "side_lengths" in truth else "polytope"
     data, scene = Measurements.load(file), Scene.load(file)
     estimate = solve_estimate(data, scene, shape=shape)
     return estimate, surface_distance(estimate.mesh(), true_mesh(truth)).mean
+
+
+def truth_of(file) -> dict[str, np.ndarray]:
+    """Return all arrays of a recording, among them the truth."""
+    with np.load(file) as stored:
+        return {key: stored[key] for key in stored.files}
 
 
 def true_mesh(truth):
@@ -116,6 +122,22 @@ def run(tree: Path, name: str) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@contextmanager
+def tree_of(against: str):
+    """Yield the folder of a tree: that of a checkout, or a commit checked out anew."""
+    if Path(against).is_dir():
+        yield Path(against).resolve()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        git = ["git", "-C", str(ROOT), "worktree"]
+        add = [*git, "add", "--detach", folder, against]
+        subprocess.run(add, check=True, capture_output=True)
+        try:
+            yield Path(folder)
+        finally:
+            subprocess.run([*git, "remove", "--force", folder], check=True)
+
+
 def paired(here: Path, there: Path, name: str, pairs: int) -> dict:
     """Return the rows of a recording here and there, each with its least CPU time."""
     rows = {"here": [], "there": []}
@@ -155,7 +177,7 @@ def show(found: list[dict]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
-    add("--against", default="HEAD", help="the commit to compare with")
+    add("--against", default="HEAD", help="a commit, or the folder of a checkout")
     add("--recordings", nargs="+", default=EVERY, choices=EVERY)
     add("--pairs", type=int, default=2, help="runs of each")
     add("--out", type=Path, default=Path("benchmark"))
@@ -166,18 +188,10 @@ def main() -> None:
         return
     there = [n for n in arguments.recordings if n == EXPLORED or file_of(n).exists()]
     found = []
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        git = ["git", "-C", str(ROOT), "worktree"]
-        subprocess.run(
-            [*git, "add", "--detach", str(tree), arguments.against], check=True
-        )
-        try:
-            for name in there:
-                found.append(paired(ROOT, tree, name, arguments.pairs))
-                print(show(found[-1:]).splitlines()[-1], flush=True)
-        finally:
-            subprocess.run([*git, "remove", "--force", str(tree)], check=True)
+    with tree_of(arguments.against) as tree:
+        for name in there:
+            found.append(paired(ROOT, tree, name, arguments.pairs))
+            print(show(found[-1:]).splitlines()[-1], flush=True)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "regress.json").write_text(json.dumps(found, indent=1))
     print(f"\nthis checkout (in brackets: {arguments.against})\n\n{show(found)}")

@@ -23,14 +23,13 @@ import csv
 import json
 import subprocess
 import sys
-import tempfile
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import process_time
 
 import numpy as np
+from regress import ROOT, tree_of, true_mesh, truth_of
 
-ROOT = Path(__file__).resolve().parents[2]
 BEST = Path(__file__).with_name("best_objectives.csv")
 WIDE = 24  # starts of the page, and hypotheses, of a search for the best known
 REACHED, FAR = 0.5, 5.0  # [nats] above the best known: reached; far off
@@ -76,14 +75,10 @@ def counted():
 
 def measure(file: str, actions: int) -> dict:
     """Return the row of one recording with the package that is imported."""
-    from regress import true_mesh
-
     from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
     from tactilenlp.nlp.term_functions import default_cache
 
-    with np.load(file) as stored:
-        truth = {key: stored[key] for key in stored.files}
-    data, scene = Measurements.load(file), Scene.load(file)
+    truth, data, scene = truth_of(file), Measurements.load(file), Scene.load(file)
     data = data.select(np.unique(data.action)[:actions])
     shape = "cuboid" if "side_lengths" in truth else "polytope"
     derived = None
@@ -112,8 +107,7 @@ def measure_widely(file: str, actions: int) -> dict:
     row = measure(file, actions)
     data, scene = Measurements.load(file), Scene.load(file)
     data = data.select(np.unique(data.action)[:actions])
-    with np.load(file) as stored:
-        truth = {key: stored[key] for key in stored.files}
+    truth = truth_of(file)
     box = "side_lengths" in truth
     shape, wide = "cuboid" if box else "polytope", Options(starts=WIDE, hypotheses=WIDE)
     with counted() as counts:
@@ -179,22 +173,6 @@ def worker(tree: Path):
     with process:
         yield ask
         process.stdin.close()
-
-
-@contextmanager
-def tree_of(against: str):
-    """Yield the folder of a tree: that of a checkout, or a commit checked out anew."""
-    if Path(against).is_dir():
-        yield Path(against).resolve()
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        git = ["git", "-C", str(ROOT), "worktree"]
-        add = [*git, "add", "--detach", folder, against]
-        subprocess.run(add, check=True, capture_output=True)
-        try:
-            yield Path(folder)
-        finally:
-            subprocess.run([*git, "remove", "--force", folder], check=True)
 
 
 def best_known() -> dict[tuple, float]:
