@@ -45,7 +45,7 @@ USUAL = 20  # vertices
 TOLD = "contact", "normal", "finger_position"  # of what was true
 TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
 SLIPPERY, STICKY = 0.1, 1.0  # friction of ground and fingers of the hard case
-MISSED = 4e-3  # [m] by which an action of the hard case aims beside the centroid
+MISSED = 4e-3  # [m] by which an action at random aims beside the centroid
 
 
 def truth(file, last):
@@ -95,7 +95,7 @@ def measured(file, vertices, stage, actions, begun):
         estimate = solve_estimate(data, scene, start=start, **told)
         cpu = process_time() - began
     mesh, points = truth(file, data.samples - 1)
-    d = surface_distance(mesh, estimate.mesh())
+    d, planes = surface_distance(mesh, estimate.mesh()), estimate.supporting_planes()
     z = np.sort(estimate.mesh().vertices[:, 2])
     touched = closest_point_naive(estimate.mesh(), points)[1]
     return {
@@ -103,38 +103,38 @@ def measured(file, vertices, stage, actions, begun):
         "stage": stage, "start": begun, "solved": bool(estimate.success),
         "t2e_mm": 1e3 * d.a_to_b, "e2t_mm": 1e3 * d.b_to_a,
         "touched_mm": 1e3 * touched.mean(), "third_mm": 1e3 * z[2],
-        **sure(estimate, mesh), "iterations": estimate.iterations, "cpu_s": cpu,
+        **sure(planes, planes.touches, mesh),
+        "iterations": estimate.iterations, "cpu_s": cpu,
     }  # fmt: skip
 
 
-def sure(estimate, mesh) -> dict:
+def sure(planes, touches, mesh) -> dict:
     """Return how the errors of touched supporting planes compare with their sigma."""
-    planes = estimate.supporting_planes()
-    off = planes_off(planes, mesh)
-    known = planes.touches >= TOUCHED
-    off, sigma = off[known], np.maximum(planes.sigma[known], 1e-9)
+    known = touches >= TOUCHED
+    off = planes_off(planes, mesh)[known]
+    sigma = np.maximum(planes.sigma[known], 1e-9)
     wrong = (off > CLOSE) & (off > SIGMAS * sigma)
     ratio = float(np.median(off / sigma)) if known.any() else np.nan
     return {"planes": int(known.sum()), "ratio": ratio, "wrong": int(wrong.sum())}
 
 
-def played(world, path: Path, trial: int, actions: int) -> Path:
-    """Record random actions on a world's body in a file, once; return its path."""
-    if path.exists():
-        return path
-    rng, space = np.random.default_rng([SEED, trial, 2]), Workspace()
+def touch_at_random(world, rng, actions: int) -> None:
+    """Let two fingers act on a world's body, aiming beside its centroid."""
+    space = Workspace()
     for _ in range(actions):
         target = world.pose[:3] + rng.normal(0, MISSED, 3)
         world.execute(space.random(rng).trajectory(target))
-    world.save(path)
-    return path
 
 
 def hard(folder: Path, trial: int, actions: int) -> str:
-    """Record a Platonic solid on slippery ground under sticky fingers."""
-    known = {"friction_ground": SLIPPERY, "friction_finger": STICKY}
-    world = replace(world_of(trial, "polytope"), **known)
-    return str(played(world, folder / f"hard_{trial}.npz", trial, actions))
+    """Record a Platonic solid on slippery ground under sticky fingers, once."""
+    path = folder / f"hard_{trial}.npz"
+    if not path.exists():
+        known = {"friction_ground": SLIPPERY, "friction_finger": STICKY}
+        world = replace(world_of(trial, "polytope"), **known)
+        touch_at_random(world, np.random.default_rng([SEED, trial, 2]), actions)
+        world.save(path)
+    return str(path)
 
 
 def cells_of(chosen) -> list[tuple]:

@@ -18,8 +18,8 @@ mismatch.csv and mismatch.png.
 import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
-from estimate_polytope import carried_along
-from exploration_objects import planes_off, world_of
+from estimate_polytope import carried_along, sure, touch_at_random
+from exploration_objects import world_of
 from judging import solved
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -28,7 +28,7 @@ from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 from trimesh.transformations import translation_matrix
 
-from tactilenlp import Scene, Workspace, World, surface_distance
+from tactilenlp import Scene, World, surface_distance
 from tactilenlp.geometry.convex_hull import (
     filled,
     hull_vertices,
@@ -38,8 +38,6 @@ from tactilenlp.geometry.convex_hull import (
 
 POINTS = 1000  # of the true surface, to which a class is fitted
 ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time
-TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
-MISSED = 4e-3  # [m] by which an action aims beside the centroid
 SEED = 2027
 TOLD = ("said", "best_mm", "error_mm", "wrong", "faces", "nats")
 
@@ -78,12 +76,10 @@ def played(name: str, shape: str, trial: int, actions: int) -> World:
     """Return the world in which a body was touched at random."""
     number = [*BODIES].index((name, shape))
     rng = np.random.default_rng([SEED, number, trial])
-    yaw, space = rng.uniform(0, 2 * np.pi), Workspace()
+    yaw = rng.uniform(0, 2 * np.pi)
     turn = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
     world = World(vertices=BODIES[name, shape], quaternion=turn)
-    for _ in range(actions):
-        target = world.pose[:3] + rng.normal(0, MISSED, 3)
-        world.execute(space.random(rng).trajectory(target))
+    touch_at_random(world, rng, actions)
     return world
 
 
@@ -163,19 +159,15 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     if estimate is None:
         return row
     planes = estimate.supporting_planes()
-    off = planes_off(planes, mesh)
-    known = touches_of(estimate, planes) >= TOUCHED
-    off, sigma = off[known], np.maximum(planes.sigma[known], 1e-9)
+    faces = sure(planes, touches_of(estimate, planes), mesh)
     distance = surface_distance(estimate.mesh(), mesh)
     return row | {
         "error_mm": 1e3 * distance.mean,
         "worst_mm": 1e3 * distance.maximum,
         "touched_mm": away(estimate.mesh(), points),
-        "faces": int(known.sum()),
-        "ratio": float(np.median(off / sigma)) if len(off) else np.nan,
-        "wrong": int(((off > CLOSE) & (off > SIGMAS * sigma)).sum()),
+        "faces": faces["planes"], "ratio": faces["ratio"], "wrong": faces["wrong"],
         "nats": estimate.costs["touch"] / int((data.contact & data.valid).sum()),
-    }
+    }  # fmt: skip
 
 
 def summary(rows) -> None:
