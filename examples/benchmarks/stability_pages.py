@@ -18,16 +18,12 @@ def page_of(way):
 
 
 class Edited:
-    """A page with some numbers changed.
-
-    factors: of parameters, by name; scales: of the sizes of a typical change, by the
-    unit of the unknowns.
-    """
+    """A page with some parameters multiplied: factors, by name."""
 
     __name__ = "edited"
 
-    def __init__(self, page, factors=None, scales=None) -> None:
-        self.page, self.factors, self.scales = page, factors or {}, scales or {}
+    def __init__(self, page, factors: dict[str, float]) -> None:
+        self.page, self.factors = page, factors
         self.REDUCTIONS = getattr(page, "REDUCTIONS", {})
         for levels in ("LEVELS", "ROUGH"):
             if hasattr(page, levels):
@@ -39,16 +35,12 @@ class Edited:
         return replace(level, parameters=values)
 
     def build(self, nlp, window, scene, shape) -> None:
-        variable, parameter = nlp.variable, nlp.parameter
-
-        def scaled(name, *args, unit, scale, **more):
-            scale = scale * by_unit(unit, self.scales)
-            return variable(name, *args, unit=unit, scale=scale, **more)
+        parameter = nlp.parameter
 
         def changed(name, value, *args):
             return parameter(name, value * self.factors.get(name, 1), *args)
 
-        nlp.variable, nlp.parameter = scaled, changed
+        nlp.parameter = changed
         self.page.build(nlp, window, scene, shape)
 
 
