@@ -4,6 +4,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from exploration_report import mean_and_band
 from matplotlib import pyplot as plt
 from scipy import stats
 
@@ -29,7 +30,7 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
         top = 0.0  # of the means: intervals of a few trials would press them flat
         for policy, offset in product(policies, offsets_of(rows)):
             groups = [column(rows, key, policy, offset, step) for step in steps]
-            means, halves = np.array([(g.mean(), half_band(g)) for g in groups]).T
+            means, halves = np.array([mean_and_band(group) for group in groups]).T
             top = max(top, means.max())
             style = {"color": COLOURS.get(policy), "linestyle": LINES[offset]}
             axes.plot(steps, means, label=f"{policy}, {offset}", **style)
@@ -47,13 +48,6 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
 def offsets_of(rows: list[dict]) -> list[str]:
     """Return which of OFFSETS were estimated."""
     return [one for one in OFFSETS if any(row["offset"] == one for row in rows)]
-
-
-def half_band(values: np.ndarray) -> float:
-    """Return half the 95 % interval of the mean."""
-    if len(values) < 2:
-        return 0.0
-    return float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
 
 
 def table(rows: list[dict], policies: list[str], steps: range) -> str:
