@@ -250,8 +250,8 @@ class Axis:
     """One row of the suite: what is varied, its rule, and who runs it.
 
     check(value, way) returns the rows of a cell; ways: the values that each way runs,
-    all of them for True; may_refuse: {(value, way): parts}, the cells that may end with
-    a typed error, said beforehand; a value or way of "*" stands for every one.
+    all of them for True; may_refuse: (value, way) of cells that may end with a typed
+    error, said beforehand; a value or way of "*" stands for every one.
     """
 
     name: str

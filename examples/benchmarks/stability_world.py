@@ -41,7 +41,10 @@ def contacts(value: str) -> Case:
     """Squeeze x, touch in the way that the value names, squeeze y, press the top."""
     world = box()
     act(world, 0)
-    move(world, *CONTACTS[value](world))
+    middle, x, y = axes_of(world)
+    away = middle - 3 * reach(world).radius * x
+    first, *second = CONTACTS[value](world, middle, x, y)
+    move(world, first, *(second or [(away, away)]))  # a finger without a way is parked
     act(world, 2)
     act(world, 3)
     return case_of(world)
@@ -54,53 +57,44 @@ def axes_of(world):
     return world.pose[:3], x, np.r_[-x[1], x[0], 0]
 
 
-def parked(world):
-    """Return the way of a finger that does not move."""
-    middle, x, _ = axes_of(world)
-    away = middle - 3 * reach(world).radius * x
-    return away, away
-
-
-def grazing(world):
-    middle, x, y = axes_of(world)
+# The ways of one finger, or of both: from one point (3,) [m] to another.
+def grazing(world, middle, x, y):
     a, b, _ = np.array(world.side_lengths) / 2
     beside = middle + (b + world.finger_radius[0] - GRAZE) * y
-    return (beside - (a + EASY) * x, beside + (a + EASY) * x), parked(world)
+    return [(beside - (a + EASY) * x, beside + (a + EASY) * x)]
 
 
-def edge(world):
-    middle, x, y = axes_of(world)
+def edge(world, middle, x, y):
     out = (x + y) / np.sqrt(2)
     edge = middle + world.side_lengths[0] / 2 * x + world.side_lengths[1] / 2 * y
-    return (edge + EASY * out, edge - EASY / 3 * out), parked(world)
+    return [(edge + EASY * out, edge - EASY / 3 * out)]
 
 
-def corner(world):
-    middle, x, y = axes_of(world)
+def corner(world, middle, x, y):
     a, b, c = np.array(world.side_lengths) / 2
     out = (x + y + [0, 0, 1]) / np.sqrt(3)
     tip = middle + a * x + b * y + [0, 0, c]
-    return (tip + EASY * out, tip - EASY / 4 * out), parked(world)
+    return [(tip + EASY * out, tip - EASY / 4 * out)]
 
 
-def first_sample(world):
-    middle, x, _ = axes_of(world)
-    at = middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
-    return (at + 1e-6 * x, at - EASY / 2 * x), parked(world)
+def face(world, middle, x) -> np.ndarray:
+    """Return where a fingertip touches the face that looks along x (3,) [m]."""
+    return middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
 
 
-def last_sample(world):
-    middle, x, _ = axes_of(world)
-    at = middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
-    return (at + EASY * x, at - 1e-3 * x), parked(world)
+def first_sample(world, middle, x, y):
+    at = face(world, middle, x)
+    return [(at + 1e-6 * x, at - EASY / 2 * x)]
 
 
-def one_face(world):
-    middle, x, y = axes_of(world)
-    at = middle + (world.side_lengths[0] / 2 + world.finger_radius[0]) * x
-    apart = 1.2 * world.finger_radius[0] * y
-    return tuple((at + EASY * x + s * apart, at - EASY / 2 * x + s * apart)
-                 for s in (1, -1))  # fmt: skip
+def last_sample(world, middle, x, y):
+    at = face(world, middle, x)
+    return [(at + EASY * x, at - 1e-3 * x)]
+
+
+def one_face(world, middle, x, y):
+    at, apart = face(world, middle, x), 1.2 * world.finger_radius[0] * y
+    return [(at + EASY * x + s * apart, at - EASY / 2 * x + s * apart) for s in (1, -1)]
 
 
 CONTACTS = {
