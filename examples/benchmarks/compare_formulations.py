@@ -33,7 +33,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path, stated
-from study import executor_of, grouped, run_study, study_parser, telling, write_csv
+from study import grouped, study_parser, tabled_study, telling
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -147,12 +147,13 @@ def gained(problem, window, scene, s) -> float:
     return float(np.maximum(0, kinetic[0] - kinetic[1] - given).sum())
 
 
-def judge(rows) -> None:
-    """Say of each row whether it is the best that its formulation found there."""
+def judged(rows) -> list[dict]:
+    """Say in each row whether it is the best that its formulation found there."""
     for rivals in grouped(rows, "scene", "actions", "page").values():
         lowest = min((r["nats"] for r in rivals if r["converged"]), default=-np.inf)
         for r in rivals:
             r["best"] = bool(r["converged"] and r["nats"] < lowest + SAME)
+    return rows
 
 
 def front(points) -> list[bool]:
@@ -227,13 +228,9 @@ def main() -> None:
     names = [*(ABLATION if args.ablation else FORMULATIONS)]
     stem = "ablation" if args.ablation else "formulations"
     asked = args.files, args.actions, args.starts, range(args.seeds), names
-    kept = args.out / f"{stem}.jsonl"
-    say = telling("mm", "cpu_s", "status")
-    with executor_of(args) as executor:
-        rows = run_study(kept, stem, run, product(*asked), executor, say=say)
-    judge(rows)
-    write_csv(args.out / f"{stem}.csv", rows)
-    draw(table(rows, names), names, args.out / f"{stem}.png")
+    path, say = args.out / stem, telling("mm", "cpu_s", "status")
+    rows = tabled_study(args, path, run, product(*asked), say=say, table=judged)
+    draw(table(rows, names), names, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -24,11 +24,10 @@ RECORDING = example_recording()
 TRIALS = 4  # of the study: each is one estimate
 
 
-def estimate(file, actions=None, executor=None):
-    """Return the estimate of a recording's first actions (default: all)."""
-    data = Measurements.load(file)
-    data = data.select(np.unique(data.action)[:actions])
-    return solve_estimate(data, Scene.load(file), executor=executor, throw=False)
+def estimate(file, pool=None):
+    """Return the estimate of a recording."""
+    data, scene = Measurements.load(file), Scene.load(file)
+    return solve_estimate(data, scene, executor=pool, throw=False)
 
 
 def trial(file) -> float:
@@ -47,10 +46,6 @@ def study(file, pool=None) -> None:
     list(run(trial, [file] * TRIALS))
 
 
-def alone(file, pool=None) -> None:
-    estimate(file, executor=pool)
-
-
 def main() -> None:
     one_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -66,8 +61,8 @@ def main() -> None:
             most = 1 / (1 - share + share / given.workers)
             print(f"{Path(file).stem}: the search is {share:.0%} of one estimate;")
             print(f"  {given.workers} processes speed one up {most:.2f} times at most")
-            alone(file, pool), study(file, pool)  # warms every process
-            timed("one estimate", alone, file, pool, given.pairs)
+            estimate(file, pool), study(file, pool)  # warms every process
+            timed("one estimate", estimate, file, pool, given.pairs)
             timed(f"{TRIALS} estimates", study, file, pool, given.pairs)
     print("load after:", *(f"{load:.1f}" for load in os.getloadavg()))
 
