@@ -31,6 +31,7 @@ from tactilenlp import (
 from tactilenlp.solvers.solve import solve_levels
 
 EXACT, CLOSE, END = 1e-6, 1e-6, 0.01  # [relative], [m], [sigma] of two solves
+STILL = np.eye(3), np.zeros(3)  # R, t [m]: nothing has moved
 TIGHT = 1e-9  # tolerance of solves that are compared
 OFF = np.array([1e-3, -1e-3, 0.03])  # [m, m, rad] of a start from the true path
 LINEAR = 2.0  # [-] of the cost per sample: what a linear cost stays within
@@ -111,27 +112,32 @@ def world(value: str, way: str) -> list[dict]:
         moved = replace(first, data=first.data.transformed(R, t))
         theta, x = begun(first)
         x = np.vstack([R[:2, :2] @ x[:2] + t[:2, None], x[2] + yaw])
-        mine, other = local(moved, page_of(way), theta, x), reference(way)
+        mine = local(moved, page_of(way), theta, x)
         back = R[:2, :2].T @ (mine.x[:2] - t[:2, None])
-        off = max(np.abs(mine.theta - other.theta).max(),
-                  np.abs(back - other.x[:2]).max())  # fmt: skip
-        rows.append(same("same start", off, CLOSE, "m"))
+        rows.append(same_start(mine.theta, back, way))
     if way in ("cuboid", "polytope"):
-        before, after = whole_reference(way), solved(there, way)
-        position = (after.position - t) @ R
-        off = end_to_end(before, after, position[-1] - before.position[-1])
-        rows.append(same("end to end", off, END, "sigma"))
+        rows.append(end_to_end(there, way, (R, t)))
     return rows
 
 
-def end_to_end(before, after, way) -> float:
-    """Return how far apart two estimates are [sigma], their last positions by `way`."""
-    off = np.abs(way) / before.information.sigma("position")
+def same_start(theta, places, way) -> dict:
+    """Return the row of sizes (3,) and places (2, T) [m] solved from the same start."""
+    other = reference(way)
+    off = np.abs(theta - other.theta).max(), np.abs(places - other.x[:2]).max()
+    return same("same start", max(off), CLOSE, "m")
+
+
+def end_to_end(case, way, motion=STILL) -> dict:
+    """Return the row of a case whose estimate is the recorded one's, moved by R, t."""
+    R, t = motion
+    before, after = whole_reference(way), solved(case, way)
+    moved = (after.position[-1] - t) @ R - before.position[-1]
+    off = np.abs(moved) / before.information.sigma("position")
     if before.shape == "cuboid":
         sizes, sigma = before.side_lengths, before.information.sigma("side_lengths")
         sides = np.abs(np.sort(after.side_lengths) - np.sort(sizes))
         off = np.r_[off, sides / sigma[np.argsort(sizes)]]
-    return float(off.max())
+    return same("end to end", float(off.max()), END, "sigma")
 
 
 def labels(value: str, way: str) -> list[dict]:
@@ -142,19 +148,14 @@ def labels(value: str, way: str) -> list[dict]:
         order = {n: a[:, ::-1] for n, a in arrays.items() if np.ndim(a) > 1}
         radius = case.data.finger_radius[::-1]
         swapped = replace(case.data, **order | {"finger_radius": radius})
-        before = whole_reference(way)
-        after = solved(replace(case, data=swapped), way)
-        off = end_to_end(before, after, after.position[-1] - before.position[-1])
-        return [same("end to end", off, END, "sigma")]
+        return [end_to_end(replace(case, data=swapped), way)]
     quarters, first = int(value.split()[2]) // 90, recorded(3)
     theta, x = begun(first)
     theta = theta[[1, 0, 2]] if quarters % 2 else theta
     x = x + np.c_[[0, 0, quarters * np.pi / 2]]
-    mine, other = local(first, page_of(way), theta, x), reference(way)
+    mine = local(first, page_of(way), theta, x)
     sizes = mine.theta[[1, 0, 2]] if quarters % 2 else mine.theta
-    off = max(np.abs(sizes - other.theta).max(),
-              np.abs(mine.x[:2] - other.x[:2]).max())  # fmt: skip
-    return [same("same start", off, CLOSE, "m")]
+    return [same_start(sizes, mine.x[:2], way)]
 
 
 def starts(value: str) -> Case:
@@ -198,9 +199,7 @@ def prior(value: str, way: str) -> list[dict]:
 def solver(value: str, way: str) -> list[dict]:
     """Let IPOPT factorise otherwise: the result is the same."""
     case = replace(recorded(), options=Options(ipopt={"linear_solver": value}))
-    before, after = whole_reference(way), solved(case, way)
-    off = end_to_end(before, after, after.position[-1] - before.position[-1])
-    return [same("end to end", off, END, "sigma")]
+    return [end_to_end(case, way)]
 
 
 def cost(value: str, way: str) -> list[dict]:
