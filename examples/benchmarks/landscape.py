@@ -117,18 +117,13 @@ def slices(file, actions, axis, way, grid):
     if way == "position":
         across = planar_matrix(recording.x[2, 0]) @ side
         points = [(0 * side, g * across) for g in grid]
-    out = {}
-    for name, how in SHOOTING.items():
-        values = [
-            recording.shooting(recording.theta + a, recording.x[:, 0] + b, *how)
-            for a, b in points
-        ]
-        out[name] = np.array(values)
-    values = [
-        recording.implicit(recording.theta + a, recording.x + b[:, None])
-        for a, b in points
-    ]
-    return out | {VIMP: np.array(values)}
+    theta, x, shooting = recording.theta, recording.x, recording.shooting
+    losses = {
+        name: [shooting(theta + a, x[:, 0] + b, *how) for a, b in points]
+        for name, how in SHOOTING.items()
+    }
+    losses[VIMP] = [recording.implicit(theta + a, x + b[:, None]) for a, b in points]
+    return {name: np.array(values) for name, values in losses.items()}
 
 
 def minima(values) -> int:
