@@ -46,31 +46,24 @@ class Quantity:
     least: float = 0.0
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """How the rows of a benchmark's CSV become few lines."""
-
-    by: tuple[str, ...]
-    quantities: tuple[Quantity, ...]
-
-
 ERROR = Quantity("mm", "median", "up", 0.25, 0.05)
 SECONDS = Quantity("cpu_s", "median", "up", 0.5, 0.1)
 ITERATIONS = Quantity("iterations", "median", "up", 0.25, 2)
 SOLVED = Quantity("converged", "share", "down", 0.0, 0.1)
-RECIPES = {
-    "stability": Recipe(
+RECIPES = {  # name -> columns that make a group of rows, and its quantities
+    "stability": (
         ("axis", "way"),
         (Quantity("passed", "share", "down"), Quantity("cpu_s", "worst", "up", 1, 5)),
     ),
-    "formulations": Recipe(
-        ("start", "actions", "page"), (ERROR, SOLVED, ITERATIONS, SECONDS)
+    "formulations": (
+        ("start", "actions", "page"),
+        (ERROR, SOLVED, ITERATIONS, SECONDS),
     ),
-    "ablation": Recipe(
+    "ablation": (
         ("start", "actions", "page"),
         (ERROR, SOLVED, Quantity("gained_mJ", "median", "up", 0.5, 0.05)),
     ),
-    "estimate_cuboid": Recipe(
+    "estimate_cuboid": (
         ("noisy", "knowledge", "formulation", "path", "na", "start"),
         (
             Quantity("mean_mm", "median", "up", 0.25, 0.05),
@@ -79,7 +72,7 @@ RECIPES = {
             SECONDS,
         ),
     ),
-    "exploration_study": Recipe(
+    "exploration_study": (
         ("policy", "start", "action"),
         (
             Quantity("p2s_mm", "median", "up", 0.5, 0.05),
@@ -102,9 +95,9 @@ def read(path) -> list[dict]:
 
 def condensed(name: str, rows) -> list[dict]:
     """Return the lines of a record: every quantity of every group."""
-    recipe, lines = RECIPES[name], []
-    for group, some in grouped(rows, *recipe.by).items():
-        for q in recipe.quantities:
+    (columns, quantities), lines = RECIPES[name], []
+    for group, some in grouped(rows, *columns).items():
+        for q in quantities:
             values = np.array([number(row[q.column]) for row in some])
             values = values[~np.isnan(values)]
             value = STATISTICS[q.statistic](values) if len(values) else np.nan
