@@ -74,14 +74,14 @@ def picture(world: World, estimate) -> dict:
 
 def study(arguments) -> list[dict]:
     """Run what is not there yet; return the rows of all trials."""
-    asked = arguments.trials, arguments.policies, arguments.starts
+    numbers = range(arguments.first, arguments.first + arguments.trials)
+    asked = product(numbers, arguments.policies, arguments.starts)
     actions = arguments.actions
     actions = ACTIONS[arguments.objects] if actions is None else actions
     rest = {"actions": actions, "budget": arguments.budget}
     rest |= {"objects": arguments.objects}
     rest |= {"noisy": True} if arguments.noise else {}
-    numbers = range(arguments.first, arguments.first + asked[0])
-    cases = [(*case, *rest.values()) for case in product(numbers, *asked[1:])]
+    cases = [(*case, *rest.values()) for case in asked]
     with executor_of(arguments) as executor:
         found = run_study(
             arguments.folder / FILE, "exploration", run, cases, executor, rest,

@@ -8,6 +8,7 @@ pushes, which the estimator's model describes.
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from foreign_bodies import Box
 from scipy.spatial.transform import Rotation
@@ -80,9 +81,7 @@ class Simulation:
     """A box on the ground and two fingertips, stepped by MuJoCo."""
 
     def __init__(self, box: Box, world: ForeignWorld):
-        import mujoco
-
-        self.box, self.world, self._mujoco = box, world, mujoco
+        self.box, self.world = box, world
         self.model = mujoco.MjModel.from_xml_string(model_of(box, world))
         self.data = mujoco.MjData(self.model)
         tilted = Rotation.from_euler("x", world.tilt, degrees=True)
@@ -136,7 +135,7 @@ class Simulation:
         self.data.ctrl[:] = np.ravel(reference)
         if self.world.by_face:
             self.model.geom_friction[-FINGERS:, 0] = self.box.finger * self.share()
-        self._mujoco.mj_step(self.model, self.data)
+        mujoco.mj_step(self.model, self.data)
         self.felt.append(self.forces())
 
     def share(self) -> np.ndarray:
@@ -155,7 +154,7 @@ class Simulation:
             pair = sorted(contact.geom)
             if pair[0] != first - 1 or pair[1] < first:
                 continue
-            self._mujoco.mj_contactForce(self.model, self.data, k, wrench)
+            mujoco.mj_contactForce(self.model, self.data, k, wrench)
             sign = 1.0 if contact.geom[0] == first - 1 else -1.0
             out[pair[1] - first] += sign * wrench[0] * contact.frame[:3]
         return out
