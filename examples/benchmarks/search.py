@@ -73,14 +73,21 @@ def counted():
         solving.solve, optima.refined = solve, refined
 
 
-def measure(file: str, actions: int) -> dict:
-    """Return the row of one recording with the package that is imported."""
-    from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
-    from tactilenlp.nlp.term_functions import default_cache
+def loaded(file: str, actions: int) -> tuple:
+    """Return truth, measurements, scene and class of a recording's first actions."""
+    from tactilenlp import Measurements, Scene
 
     truth, data, scene = truth_of(file), Measurements.load(file), Scene.load(file)
-    data = data.select(np.unique(data.action)[:actions])
     shape = "cuboid" if "side_lengths" in truth else "polytope"
+    return truth, data.select(np.unique(data.action)[:actions]), scene, shape
+
+
+def measure(file: str, actions: int) -> dict:
+    """Return the row of one recording with the package that is imported."""
+    from tactilenlp import solve_estimate, surface_distance
+    from tactilenlp.nlp.term_functions import default_cache
+
+    truth, data, scene, shape = loaded(file, actions)
     derived = None
     while derived != default_cache().derived:
         derived, began = default_cache().derived, process_time()
@@ -102,18 +109,15 @@ def measure(file: str, actions: int) -> dict:
 
 def measure_widely(file: str, actions: int) -> dict:
     """Return the row of one recording whose objective is the lowest that is found."""
-    from tactilenlp import Measurements, Options, Scene, solve_estimate
+    from tactilenlp import Options, solve_estimate
 
     row = measure(file, actions)
-    data, scene = Measurements.load(file), Scene.load(file)
-    data = data.select(np.unique(data.action)[:actions])
-    truth = truth_of(file)
-    box = "side_lengths" in truth
-    shape, wide = "cuboid" if box else "polytope", Options(starts=WIDE, hypotheses=WIDE)
+    truth, data, scene, shape = loaded(file, actions)
+    wide = Options(starts=WIDE, hypotheses=WIDE)
     with counted() as counts:
         solve_estimate(data, scene, shape=shape, options=wide, throw=False)
     found = [row["objective"], counts[2]]
-    if box:
+    if shape == "cuboid":
         shot = solve_estimate(data, scene, formulation="multiple_shooting", throw=False)
         true = [truth[k] for k in ("object_position", "object_quaternion")]
         paths = [
@@ -199,11 +203,8 @@ def judge(rows, best) -> dict:
         key = row["recording"], row["actions"]
         best[key] = min(best.get(key, np.inf), row["objective"])
     for row in (r for r in rows if "objective" in r):
-        row["above"] = (
-            row["objective"] - best[row["recording"], row["actions"]]
-            if (row["recording"], row["actions"]) in best
-            else np.inf
-        )
+        least = best.get((row["recording"], row["actions"]), -np.inf)
+        row["above"] = row["objective"] - least
     return best
 
 
