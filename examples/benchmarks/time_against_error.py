@@ -47,7 +47,7 @@ WORLDS = {
     "soft": ForeignWorld(**FROM_ABOVE, contact=DEFAULT),
 }
 PLACES = 12  # samples of a recording at which the surfaces are compared
-LIMIT = 120.0  # [s] of an estimate
+OPTIONS = Options(time_limit=120.0)  # [s] of an estimate
 QUANTILES = (0.1, 0.5, 0.9)
 TOLD = ("refused", "surface_mm", "path_mm", "success", "cpu_s")
 COLOURS = dict(zip(FORMULATIONS, plt.cm.tab10.colors, strict=False))
@@ -67,8 +67,7 @@ def measured(world: str, number: int, actions: int):
 def warm(formulation: str) -> None:
     """Compile the terms of a page, once in each process."""
     data, scene, _ = measured("clean", 0, 2)
-    options = Options(time_limit=LIMIT)
-    solve_estimate(data, scene, formulation=formulation, options=options, throw=False)
+    solve_estimate(data, scene, formulation=formulation, options=OPTIONS, throw=False)
 
 
 def estimated(
@@ -80,8 +79,7 @@ def estimated(
     row |= {"box": number, "refused": "", "success": False}
     data, scene, true = measured(world, number, most)
     data = data.select(range(actions))
-    options = Options(time_limit=LIMIT)
-    how = {"formulation": formulation, "options": options, "throw": False}
+    how = {"formulation": formulation, "options": OPTIONS, "throw": False}
     estimate, told = solved(data, scene, **how)
     row |= told
     if estimate is None:
