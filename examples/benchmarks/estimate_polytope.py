@@ -26,7 +26,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from exploration_objects import SEED, planes_off, world_of
 from matplotlib.ticker import MaxNLocator
-from scipy.spatial.transform import Rotation
 from study import study_parser, tabled_study, telling
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -55,16 +54,11 @@ def truth(file, last):
         for name in ("object_position", "object_quaternion"):
             setattr(truth, name, known[name][: last + 1])
         radius, vertices = known["finger_radius"], known["vertices"]
-    felt, (p, R) = truth.contact[: last + 1], poses(truth)
+    felt = truth.contact[: last + 1]
     radius = np.broadcast_to(radius, felt.shape[1])
-    mesh = convex_hull(R[-1].apply(vertices) + p[-1])
+    turn = rotation_of(truth.object_quaternion[-1])
+    mesh = convex_hull(turn.apply(vertices) + truth.object_position[-1])
     return mesh, carried_along(truth, felt, radius)
-
-
-def poses(truth) -> tuple[np.ndarray, Rotation]:
-    """Return true positions (T, 3) [m] and rotations (T,)."""
-    R = rotation_of(truth.object_quaternion)
-    return truth.object_position, R
 
 
 def carried_along(truth, felt, radius) -> np.ndarray:
@@ -74,7 +68,7 @@ def carried_along(truth, felt, radius) -> np.ndarray:
     """
     t, f = np.nonzero(felt)
     point = truth.finger_position[t, f] - radius[f, None] * truth.normal[t, f]
-    p, R = poses(truth)
+    p, R = truth.object_position, rotation_of(truth.object_quaternion)
     return R[-1].apply(R[t].inv().apply(point - p[t])) + p[-1]
 
 
