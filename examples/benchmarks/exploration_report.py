@@ -15,7 +15,7 @@ import matplotlib
 import numpy as np
 from scipy import stats
 from scipy.spatial import ConvexHull
-from study import results_of
+from study import grouped, results_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -153,25 +153,24 @@ def paper_lines(rows) -> list[str]:
 def cost_lines(rows) -> list[str]:
     """Return where CPU time goes, and what failed."""
     lines = []
-    for policy, start in ways(rows):
-        mine = [r for r in rows if (r["policy"], r["start"]) == (policy, start)]
+    for (policy, start), mine in grouped(rows, "policy", "start").items():
         later = [r for r in mine if r["action"] > 0 and "cpu_estimate" in r]
-        cpu = {
-            k: np.median([r[f"cpu_{k}"] for r in later]) for k in ("choose", "estimate")
-        }
+        choose, solve = (
+            np.median([r[f"cpu_{k}"] for r in later]) for k in ("choose", "estimate")
+        )
         bad = sum(not r["success"] for r in mine)
         missed = sum(r.get("contacts") == 0 for r in mine)
         broken = [r["error"] for r in mine if "error" in r]
         lines.append(
-            f"{policy}, {start}: CPU s at median: choose {cpu['choose']:.2f}, estimate "
-            f"{cpu['estimate']:.2f}; {bad} of {len(mine)} estimates not converged, "
+            f"{policy}, {start}: CPU s at median: choose {choose:.2f}, estimate "
+            f"{solve:.2f}; {bad} of {len(mine)} estimates not converged, "
             f"{missed} actions without contact, {len(broken)} trials broken {broken}"
         )
     return lines
 
 
 def ways(rows) -> list[tuple[str, str]]:
-    return list(dict.fromkeys((r["policy"], r["start"]) for r in rows))
+    return [*grouped(rows, "policy", "start")]
 
 
 def objects_of(rows) -> str:

@@ -127,7 +127,7 @@ def main(arguments):
         )
         print(
             f"{seed}: {said}true {true}, found {found} ± {sigma} mm, surface "
-            f"{1e3 * float(getattr(off, 'mean', off)):.2f} mm, tilt {tilt:.1f} deg, "
+            f"{1e3 * off.mean:.2f} mm, tilt {tilt:.1f} deg, "
             f"{estimate.seconds['total']:.1f} CPU s", flush=True,
         )  # fmt: skip
 

@@ -96,7 +96,7 @@ def run(number: int, tosses: int) -> dict:
         "gauge": body.gauge, "radius_mm": 1e3 * body.radius,
         "friction": body.friction, "friction_true": friction,
         "objective": body.objective, "cpu_s": process_time() - began,
-        "verdict": getattr(getattr(body, "fit", None), "verdict", ""),
+        "verdict": body.fit.verdict,
     }  # fmt: skip
 
 
