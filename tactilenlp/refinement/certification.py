@@ -22,7 +22,7 @@ from ..search.margins import RESTORED
 from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
 from .newton_steps import with_ground_tilt
-from .profile_likelihood import profiled
+from .profile_likelihood import PROFILE_MU, profiled
 from .tilt import explained, with_tilt
 
 log = logging.getLogger("tactilenlp")
@@ -63,7 +63,7 @@ def with_profiles(best) -> Solved:
         return best
     profile, better = profiled(job, best)
     if better is not None:
-        again = solved_from(job, better, levels=job.page.LEVELS[-1:])
+        again = warm_started(job, better, PROFILE_MU)
         again = certified(job, replace(again, declined=best.declined))
         best = again if again.rank < best.rank else best
         profile, _ = profiled(job, best, seeks=False)

@@ -13,6 +13,7 @@ is not computed.  What was freed before a tilt is fixed again where that costs l
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,7 +27,8 @@ from formulations.indentation import NAME as COMPLIANCE
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import Misfit, touch_misfit
 from ..information.mixture import occam_of
-from ..nlp.kkt import gradient
+from ..information.sensitivity import kkt_residual
+from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
 from ..search.local_solve import (
     Solved,
@@ -46,31 +48,15 @@ class Nuisance(NamedTuple):
     """An unknown that is fixed, and why.
 
     from_all_starts: whether poses found while it is fixed are too far off to start
-    from; screened: whether it must gain enough with all else held, before more is
-    solved.
+    from; screen(job, solved, unknown): by how many nats it lowers the objective as far
+    as can be told without a solve, which must be enough before one; None: nothing can.
     """
 
     unknown: str
     dropped: str
     reason: str
     from_all_starts: bool
-    screened: bool
-
-
-NUISANCES = {  # by reduction, in the order in which they are freed
-    "aligned": Nuisance(
-        TURN, "turn of the fingers' normals",
-        "sensors are aligned unless data say so", True, True,
-    ),
-    "rigid": Nuisance(
-        COMPLIANCE, "compliance of the fingertips",
-        "they are rigid unless data say so", True, False,
-    ),
-    "central": Nuisance(
-        CENTRE, "offset of the centre of mass",
-        "it is the centroid unless data say so", False, False,
-    ),
-}  # fmt: skip
+    screen: Callable | None
 
 
 def misfit_of(job, solved: Solved) -> Misfit:
@@ -116,8 +102,8 @@ def _with(name, nuisance, job, solved, solve) -> tuple:
     if job.deadline.passed(nuisance.dropped):
         return job, solved
     larger = job.with_reductions(**{name: False})
-    if nuisance.screened:
-        gain = gain_with_others_held(larger, best, nuisance.unknown)
+    if nuisance.screen is not None:
+        gain = nuisance.screen(larger, best, nuisance.unknown)
         if gain < needed:
             return job, [declined(best, name, gain, needed), *others]
     if nuisance.from_all_starts:  # a page without rough levels takes seconds for each
@@ -147,10 +133,12 @@ def without_needless(solved: Solved) -> Solved:
         by_data = getattr(job.options.reductions, name) > getattr(reductions, name)
         if not (by_data and fixes(fixed, name)):
             continue
+        spread = misfit_of(job, solved).spread
+        if wald(solved, nuisance.unknown) > _needed(solved, nuisance, spread):
+            continue
         if job.deadline.passed(f"a fixed {nuisance.dropped}"):
             break
         smaller = warm_started(fixed, solved, FREED_MU)
-        spread = misfit_of(job, solved).spread
         gain, needed = _compared(smaller, solved, nuisance, spread)
         if smaller.solution.success and gain <= needed:
             log.info("%s is needless: %.1f nats", nuisance.dropped, gain)
@@ -162,8 +150,14 @@ def _compared(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
     """Return what a larger model gains, and what it must: both in nats."""
     gain, needed = gain_of(smaller, larger), needed_gain(spread, occam=0.0)
     if gain > needed:
-        needed += occam_of(larger.problem, larger.solution, nuisance.unknown)
+        needed = _needed(larger, nuisance, spread)
     return gain, needed
+
+
+def _needed(larger: Solved, nuisance: Nuisance, spread: float) -> float:
+    """Return what a larger model must gain [nats]."""
+    occam = occam_of(larger.problem, larger.solution, nuisance.unknown)
+    return needed_gain(spread, occam)
 
 
 def _with_open_height(job, freed) -> list[Solved]:
@@ -208,6 +202,46 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
         least = minimize(cost, start, jac=True, method="BFGS").fun
         gains.append(cost(start)[0] - least)
     return float(max(gains))
+
+
+def score(job, solved: Solved, unknown: str) -> float:
+    """Return by how many nats a Newton step on one more unknown lowers the objective.
+
+    All others move with it: half of Rao's score statistic (1948).
+    """
+    problem, window, _ = problem_at(job, solved.hypothesis)
+    kkt = kkt_system_of(problem, transferred(solved, window, problem))
+    own = np.arange(problem.size)[problem.variables[unknown].span]
+    slope = kkt_residual(problem, kkt)[0][own]
+    return float(slope @ kkt.sensitivity(own)[0][own] @ slope / 2)
+
+
+def wald(solved: Solved, unknown: str) -> float:
+    """Return by how many nats the objective would rise were one unknown zero.
+
+    By its Hessian: half of Wald's statistic (1943).  Of compliance, whose objective
+    rises ever faster towards zero, it is the least.
+    """
+    problem, kkt = solved.problem, kkt_system_of(solved.problem, solved.solution)
+    own = np.arange(problem.size)[problem.variables[unknown].span]
+    covariance = kkt.sensitivity(own)[0][own]
+    return float(kkt.x[own] @ np.linalg.solve(covariance, kkt.x[own]) / 2)
+
+
+NUISANCES = {  # by reduction, in the order in which they are freed
+    "aligned": Nuisance(
+        TURN, "turn of the fingers' normals",
+        "sensors are aligned unless data say so", True, gain_with_others_held,
+    ),
+    "rigid": Nuisance(
+        COMPLIANCE, "compliance of the fingertips",
+        "they are rigid unless data say so", True, None,
+    ),
+    "central": Nuisance(
+        CENTRE, "offset of the centre of mass",
+        "it is the centroid unless data say so", False, score,
+    ),
+}  # fmt: skip
 
 
 def fixes(job, name: str) -> bool:

@@ -1,7 +1,7 @@
 """The deviation of one unknown by its profile, as in profile_likelihood.py.
 
-A profile is a function of a step [m]: the hypothesis with one unknown held so far off
-its optimum, all else free, or None.  Here it is chosen how far the steps go, and what
+A profile is a function of a step [m]: the solve with one unknown held so far off its
+optimum, all else free, or None.  Here it is chosen how far the steps go, and what
 deviation the rises of the objective mean.
 """
 
@@ -24,18 +24,18 @@ POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plate
 
 
 def deviation_along(
-    elsewhere, at, prior, axis, direction, off, touched, seeks=True, cost=None
+    elsewhere, best, prior, axis, direction, off, touched, seeks=True, cost=None
 ):
     """Return by how much sizes and final pose are off (k,) where one of them is.
 
-    elsewhere(axis, direction, touched): a profile, called with growing steps; at: the
-    optimum; prior [m]: the most that it may be off; direction, off: what all unknowns,
-    and sizes and final pose (k,), do by the Hessian where it is off by a deviation, SI;
-    touched (2,): samples on both faces of a size, None of a pose; seeks: whether a
-    lower objective ends the profile; cost(change [m]) of a size that a touch leaves
-    open: what the prior adds [nats]. The Hessian's deviation is kept where it is large,
-    where there is no profile, and of an untouched size or a pose where it is the larger
-    one. And a better hypothesis, or None.
+    elsewhere(axis, direction, touched): a profile, called with growing steps; best:
+    the solve at the optimum; prior [m]: the most that it may be off; direction, off:
+    what all unknowns, and sizes and final pose (k,), do by the Hessian where it is off
+    by a deviation, SI; touched (2,): samples on both faces of a size, None of a pose;
+    seeks: whether a lower objective ends the profile; cost(change [m]) of a size that a
+    touch leaves open: what the prior adds [nats]. The Hessian's deviation is kept where
+    it is large, where there is no profile, and of an untouched size or a pose where it
+    is the larger one. And a better solve, or None.
     A larger body is the flatter side: what lies behind a touched face contradicts no
     finger. A smaller one is solved where a larger one gives no result; of a pose both
     directions are solved, and the wider one counts.
@@ -51,7 +51,7 @@ def deviation_along(
         # Where a Gaussian costs twice as much; most cost half as much.
         first = min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior)
         first = min(max(first, FIRST_STEP), prior)
-        given = at, axis, first, sigma_so_far, prior, rise, seeks
+        given = best, axis, first, sigma_so_far, prior, rise, seeks
         prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
         found, better = _profile_one_side(there, *given, prior_added)
         if better is not None:
@@ -66,11 +66,11 @@ def deviation_along(
 
 
 def _profile_one_side(
-    there, at, axis, step, sigma_so_far, prior, target_rise, seeks, cost
+    there, best, axis, step, sigma_so_far, prior, target_rise, seeks, cost
 ):
     """Return the widest deviation (k,) in one direction, or None; and a better optimum.
 
-    there(step): the hypothesis with that one held so far off [m], or None;
+    there(step): the solve with that one held so far off [m], or None;
     sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
     which the profile ends; it also ends beyond the distance at which that rise leaves a
     large deviation; cost(step): of the prior, of an open size.
@@ -81,13 +81,13 @@ def _profile_one_side(
         moved = there(step)
         if moved is None:
             break
-        price = moved.objective - at.objective
+        price = moved.solution.objective - best.solution.objective
         if price < -BETTER_OPTIMUM and seeks:
             return None, moved
         points.append((step, max(price, 0.0)))
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
         if found is None or deviation > abs(found[axis]):
-            found = (moved.end - at.end) * deviation / step
+            found = (moved.at.end - best.at.end) * deviation / step
         if price >= ENDED * target_rise or step >= farthest:
             break
         growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
@@ -96,12 +96,12 @@ def _profile_one_side(
     if cost is not None:
         vague = VAGUE_SHARE * prior <= sigma_so_far < ENDED * prior  # by the Hessian
         least = sigma_so_far if vague else 0.0
-        given = at, axis, found, points, least, prior, target_rise, cost
+        given = best, axis, found, points, least, prior, target_rise, cost
         found = _open_deviation(there, *given)
     return found, None
 
 
-def _open_deviation(there, at, axis, found, points, least, prior, target_rise, cost):
+def _open_deviation(there, best, axis, found, points, least, prior, target_rise, cost):
     """Return the deviation (k,) of an open size, or None; found: by its profile.
 
     Solves farther off tell whether the rise levels off, until no plateau at the last
@@ -118,9 +118,9 @@ def _open_deviation(there, at, axis, found, points, least, prior, target_rise, c
         step = prior if least else min(TAIL_GROWTH * step, prior)
         if (moved := there(step)) is None:
             break
-        price = max(moved.objective - at.objective, 0.0)
+        price = max(moved.solution.objective - best.solution.objective, 0.0)
         points = [*points, (step, price)]
-        found = (moved.end - at.end) * least / prior if least else found
+        found = (moved.at.end - best.at.end) * least / prior if least else found
     if found is None or price >= 2 * target_rise:
         return found
     deviation = min(_of_posterior(points, *given), prior)

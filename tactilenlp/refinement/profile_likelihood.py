@@ -42,7 +42,12 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis, resized, rotation_at
-from ..search.local_solve import RANKING_TOLERANCE, settings_of, start_values
+from ..search.local_solve import (
+    RANKING_TOLERANCE,
+    Solved,
+    settings_of,
+    start_values,
+)
 from ..search.margins import PROFILE_RISE
 from ..solvers.solve import solve_levels
 from .profile_deviation import deviation_along
@@ -57,13 +62,14 @@ PROFILE_MU = 1e-2
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
 
-def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Hypothesis | None]:
+def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
     what sizes [m] and the unknowns of the last pose do then; 0 where there is no
-    profile. And a hypothesis that is better than the solved one, at which the profiles
-    end, or None; unless it seeks one, a lower objective counts as none higher.
+    profile. And a solve, with one of them held, that is better than the given one, at
+    which the profiles end, or None; unless it seeks one, a lower objective counts as
+    none higher.
     """
     n, end = job.shape.theta, solved.at.end
     profile = np.zeros((len(end), len(end)))
@@ -81,7 +87,7 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Hypothesis | None]:
     elsewhere = partial(_constrained, job, solved, {}, chosen)
     for axis, widest, *how in _asked(job, solved, faces, known, least, seeks):
         way = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
-        given = solved.at, widest, axis, way, way[chosen], *how
+        given = solved, widest, axis, way, way[chosen], *how
         profile[axis], better = deviation_along(elsewhere, *given)
         if better is not None:
             return profile, better
@@ -150,7 +156,7 @@ def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
 
 
 def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Callable:
-    """Return a function of a step [m]: the hypothesis of one chosen unknown so far off.
+    """Return a function of a step [m]: the solve with one chosen unknown so far off.
 
     It is called with larger and larger steps, each solve starts from the one before,
     and it returns None where one fails. shared: keeps solvers; direction: the response
@@ -167,7 +173,7 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Calla
     highest = solved.solution.objective + PROFILE_RISE
     latest, reached = solved, 0.0
 
-    def there(step: float) -> Hypothesis | None:
+    def there(step: float) -> Solved | None:
         nonlocal latest, reached
         values = latest.solution.values
         x = problem.pack(values) + (step - reached) * direction
@@ -186,6 +192,6 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Calla
         if not (feasible and (found.success or found.objective < highest)):
             return None
         latest, reached = replace(solved, solution=found), step
-        return latest.at
+        return latest
 
     return there
