@@ -32,6 +32,7 @@ from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import Solved, best_first, freed_to_tilt, solved_from
+from ..search.multistart import HELD_ITERATIONS
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")
@@ -51,7 +52,10 @@ def with_tilt(job, best: Solved) -> Solved:
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
     if rough and not explained(free, tilted):
-        again = solved_from(free, tilted_by_normals(job, best), levels=rough)
+        # Poses are held at a tilt that is still wrong.
+        held = rough[0].with_ipopt(max_iter=HELD_ITERATIONS)
+        levels = [held, *rough[1:]]
+        again = solved_from(free, tilted_by_normals(job, best), levels=levels)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)
     if gain < needed:
