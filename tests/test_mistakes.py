@@ -7,6 +7,7 @@ import pytest
 from conftest import RECORDED
 
 from tactilenlp import (
+    Estimate,
     Ground,
     Measurements,
     Options,
@@ -16,7 +17,12 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.data import mistakes
-from tactilenlp.data.mistakes import check_mistakes, most_likely, record_of
+from tactilenlp.data.mistakes import (
+    check_mistakes,
+    most_likely,
+    record_of,
+    suspected,
+)
 from tactilenlp.data.plausibility import jumps_of, of_one_rate
 from tactilenlp.errors import MeasurementError, MistakeError, OptionError
 
@@ -229,3 +235,36 @@ def test_touches_that_end_while_a_finger_presses_on_are_one_departure():
     assert of_one_rate(ends_well, 0.1) == pytest.approx(0.0, abs=1e-9)
     assert -1.5 < once < -1.0
     assert -3.5 < often < once  # ten for the reason of one, not ten times as unlikely
+
+
+def touched_later(data, f, shift):
+    """Return data in which a finger feels all so many samples later in each action."""
+    first = np.searchsorted(data.action, data.action)
+    last = np.searchsorted(data.action, data.action, side="right") - 1
+    source, moved = np.clip(np.arange(data.samples) - shift, first, last), {}
+    for name in ("contact", "normal", "valid"):
+        moved[name] = getattr(data, name).copy()
+        moved[name][:, f] = moved[name][source, f]
+    return changed(data, **moved)
+
+
+def test_a_mistake_that_is_not_sure_enough_to_refuse_is_suspected(scenes):
+    data = Measurements.load(scenes / "cuboid_09.npz")
+    assert suspected(data, Scene()) == ""
+    late = touched_later(data, 1, 3)
+    check_mistakes(late, Scene())
+    assert "finger 1 feels is 3 samples too late" in suspected(late, Scene())
+    assert suspected(late, Scene(ground=None, gravity=0.0)) == ""
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_not_good_names_the_mistake_that_is_suspected(scenes, tmp_path):
+    data = touched_later(Measurements.load(scenes / "cuboid_09.npz"), 1, 3)
+    estimate = solve_estimate(data, throw=False)
+    assert estimate.fit.verdict != "good"
+    words = (
+        "A mistake in the data may be why: what finger 1 feels is 3 samples too late"
+    )
+    assert words in estimate.summary()
+    estimate.save(tmp_path / "estimate.npz")
+    assert Estimate.load(tmp_path / "estimate.npz").fit == estimate.fit

@@ -109,7 +109,8 @@ class Fit:
     verdict: "good", "poor" or "bad"; terms: the Misfit of each likelihood term by name,
     of physics and of the largest motion between two actions; touches: of each finger in
     each action, the worst first; widening: factor of all standard deviations; doubt:
-    what else makes it "poor".  actual, expected, spread [nats]: of the likelihood.
+    what else makes it "poor"; suspected: a mistake in the data that may be why.
+    actual, expected, spread [nats]: of the likelihood.
     """
 
     verdict: str
@@ -117,6 +118,7 @@ class Fit:
     touches: tuple[TouchMisfit, ...]
     widening: float
     doubt: str = ""
+    suspected: str = ""
 
     def doubted(self, why: str) -> Fit:
         """Return the fit, "poor" for a reason in words if it is good else."""
@@ -145,7 +147,11 @@ class Fit:
 
     @property
     def text(self) -> str:
-        """The verdict in a sentence; where it is not good, where the misfit is."""
+        """The verdict in words; where it is not good, where the misfit is, and why."""
+        why = f"  A mistake in the data may be why: {self.suspected}."
+        return self._verdict_in_words() + (why if self.suspected else "")
+
+    def _verdict_in_words(self) -> str:
         if self.doubt:  # the costs are good
             return f"The fit is {self.verdict}: {self.doubt}."
         words = f"The fit is {self.verdict}: touches and free samples cost "

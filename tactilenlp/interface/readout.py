@@ -14,7 +14,8 @@ from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
-from ..data.sensor_noise import in_time, variance_left
+from ..data.mistakes import suspected
+from ..data.sensor_noise import in_time, variance_left, with_fingers_earlier
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
@@ -60,7 +61,7 @@ def read_off(
     status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
-    fit = with_doubts(fit, solved.skipped)
+    fit = with_suspicion(with_doubts(fit, solved.skipped), job, request.data)
     if fit is not None and NOT_COMPUTED not in information.unobserved:
         information = information.widened(fit.widening)
     return Estimate(
@@ -89,6 +90,14 @@ def with_doubts(fit, skipped):
     if fit is None or not far:
         return fit
     return fit.doubted(f"a reduction is far from holding, {far[0]}")
+
+
+def with_suspicion(fit, job, recorded):
+    """Return a Fit that, where it is not good, names a likely mistake in the data."""
+    if fit is None or fit.verdict == "good" or not job.options.check_mistakes:
+        return fit
+    data = with_fingers_earlier(recorded, job.precision.latency)
+    return replace(fit, suspected=suspected(data, job.scene))
 
 
 def _solved_fields(solved) -> dict:
