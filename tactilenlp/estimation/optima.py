@@ -178,7 +178,7 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
         if not _in_time(request):
             return None
         free = {name: getattr(solved.reductions, name) for name in NUISANCES}
-        job = job.as_late_as(solved.precision).with_reductions(**free)
+        job = as_found(job, solved).with_reductions(**free)
         part = replace(request, job=job)
         found = _of_one_search(part, SoFar(list(kept)))
         if found.best is None:
