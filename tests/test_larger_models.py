@@ -1,12 +1,35 @@
-"""Solves of a larger model compete with each other, not with those of a smaller one."""
+"""Larger models: what they gain, told without a solve; with what they compete."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from tactilenlp import solve_estimate
+from formulations.shape import CUBOID
+from tactilenlp import Session, solve_estimate
 from tactilenlp.estimation import optima
+from tactilenlp.interface.request import read_request
+from tactilenlp.refinement.nested_models import FREED_MU, NUISANCES, score, wald
+from tactilenlp.search.local_solve import solved_from, warm_started
+
+TURNED = 0.01  # [rad] of the normals of one finger
+
+
+def test_statistics_tell_what_turned_sensors_gain(touched):
+    """Rao's from the smaller model, Wald's from the larger one: a quadratic matter."""
+    data, scene = touched.measurements, touched.scene
+    turned = Rotation.from_rotvec([0, 0, TURNED]).apply(data.normal[:, 0].copy())
+    data = replace(data, normal=np.stack([turned, data.normal[:, 1]], axis=1))
+    given = data, scene, CUBOID, "violation_implicit", None, None, None
+    job = read_request(*given, Session())[0].job
+    solved, unknown = solved_from(job, touched.origin), NUISANCES["aligned"].unknown
+    larger = job.with_reductions(aligned=False)
+    free = warm_started(larger, solved, FREED_MU)
+    gain = solved.solution.objective - free.solution.objective
+    assert gain > 0.1
+    assert score(larger, solved, unknown) == pytest.approx(gain, rel=0.05)
+    assert wald(free, unknown) == pytest.approx(gain, rel=0.05)
 
 
 @pytest.mark.slow

@@ -26,6 +26,11 @@ PRIOR = CUBOID.size_prior[1]
 AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
 
 
+def solve(at):
+    """Return what a profile reads of a solve that ended at a hypothesis."""
+    return SimpleNamespace(at=at, solution=SimpleNamespace(objective=at.objective))
+
+
 def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
     """Return what `deviation_along` makes of a price [nats] of a change [m].
 
@@ -46,12 +51,12 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
             if cost is None:
                 return None
             moved = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
-            return replace(AT, objective=cost, **moved)
+            return solve(replace(AT, objective=cost, **moved))
 
         return there
 
     touched = None if touched is None else np.array(touched)
-    given = AT, PRIOR, 0, sharp, sharp, touched, seeks, cost
+    given = solve(AT), PRIOR, 0, sharp, sharp, touched, seeks, cost
     off, better = deviation_along(elsewhere, *given)
     assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
@@ -170,11 +175,11 @@ def test_a_lower_objective_that_does_not_last_does_not_end_a_profile():
 def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     monkeypatch,
 ):
-    asked = []
+    asked, met = [], solve(AT)
 
     def profiles(job, best, seeks=True):
         asked.append(seeks)
-        return np.eye(6), AT if seeks else None
+        return np.eye(6), met if seeks else None
 
     solution = SimpleNamespace(success=True)
     deadline = SimpleNamespace(passed=lambda _: False)
@@ -188,7 +193,12 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     monkeypatch.setattr(certification, "certified", lambda job, solved: solved)
     for rank, same in (((False, 1.2), True), ((False, 0.6), False)):
         again = replace(best, rank=rank)
-        monkeypatch.setattr(certification, "solved_from", lambda *_, a=again, **__: a)
+
+        def warm_started(job, known, mu_init, again=again):
+            assert known is met  # with its impulses and multipliers
+            return again
+
+        monkeypatch.setattr(certification, "warm_started", warm_started)
         asked.clear()
         found = certification.with_profiles(best)
         assert asked == [True, False]
@@ -254,7 +264,7 @@ def test_a_smaller_size_is_profiled_where_a_larger_one_has_no_solution():
 def test_a_better_optimum_is_returned():
     found, better = deviation(lambda d: -3.0 if d > 0 else 9.0)
     assert found == SHARP
-    assert better.objective == -3.0
+    assert better.solution.objective == -3.0
 
 
 def test_a_body_without_sides_has_no_profile():

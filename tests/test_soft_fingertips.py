@@ -174,6 +174,15 @@ def test_a_box_that_rocks_is_let_tilt_and_its_untouched_height_stays_open(foreig
     assert off < 3 * estimate.information.sigma("side_lengths")[height]
 
 
+@pytest.mark.slow
+def test_a_better_optimum_that_a_profile_meets_is_kept_with_its_impulses(foreign):
+    """From guessed impulses the solve went elsewhere: 30.9 nats, not 25.1."""
+    file = foreign / "box_4_default.npz"
+    estimate = solve_estimate(Measurements.load(file), Scene.load(file))
+    assert estimate.success
+    assert estimate.objective < 28.0
+
+
 def test_a_page_without_compliance_takes_fingertips_as_rigid(touched):
     data, scene, _ = touched
     lean = Options(hypotheses=1, starts=1, rivals=False)

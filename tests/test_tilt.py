@@ -138,10 +138,14 @@ def test_slopes_of_normals_are_those_of_finite_differences():
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-@pytest.mark.parametrize(("rigid", "left"), [(24.0, 24.0), (38.0, 38.0), (70.0, 36.0)])
+@pytest.mark.parametrize(
+    ("rise", "rigid", "left"),
+    [(1.0, 24.0, 24.0), (1.0, 38.0, 38.0), (1.0, 70.0, 36.0), (4.0, 24.0, 36.0)],
+)
 def test_compliance_is_fixed_again_where_the_tilt_explains_the_touches(
-    monkeypatch, job, rigid, left
+    monkeypatch, job, rise, rigid, left
 ):
+    """rise: of the objective were it fixed, by the Hessian: too much asks no solve."""
     soft = solve(36.0, job=replace(job, reductions=Reductions(rigid=False)))
     asked = []
 
@@ -152,14 +156,17 @@ def test_compliance_is_fixed_again_where_the_tilt_explains_the_touches(
     monkeypatch.setattr(nested_models, "warm_started", warm_started)
     monkeypatch.setattr(nested_models, "misfit_of", lambda *_: Misfit(0, 0, 2.0))
     monkeypatch.setattr(nested_models, "occam_of", lambda *_: 1.0)
+    monkeypatch.setattr(nested_models, "wald", lambda *_: rise)
     assert nested_models.without_needless(soft).solution.objective == left
-    assert asked == [(Reductions(), soft)]
+    assert asked == ([(Reductions(), soft)] if rise < 3.0 else [])
 
 
 def test_what_the_user_freed_or_a_failed_solve_is_not_fixed_again(monkeypatch, job):
     failed = lambda fixed, *_: solve(1.0, success=False, job=fixed)  # noqa: E731
     monkeypatch.setattr(nested_models, "warm_started", failed)
     monkeypatch.setattr(nested_models, "misfit_of", lambda *_: Misfit(0, 0, 2.0))
+    monkeypatch.setattr(nested_models, "occam_of", lambda *_: 1.0)
+    monkeypatch.setattr(nested_models, "wald", lambda *_: 0.0)
     soft = replace(job, reductions=Reductions(rigid=False))
     assert nested_models.without_needless(one := solve(36.0, job=soft)) is one
     told = replace(soft, options=Options(without=("rigid",)))
