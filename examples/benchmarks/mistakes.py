@@ -7,6 +7,7 @@ Every mistake is made in every recording that has touches; those of `--correct` 
 checked as they are only.  A mistake is found when its recording is refused, by the
 constructor of Measurements, by the check for mistakes or by the check of the ground.
 A mistake that leaves a recording nearly as it is does not count (`untold` says why).
+What is not refused may be suspected: an estimate names it where its fit is not good.
 
 Called again with the same folder, the script runs what is missing.  It writes
 mistakes.csv (a line a mistake), mistakes_of_recordings.csv and mistakes.png.
@@ -21,7 +22,7 @@ import numpy as np
 from study import executor_of, grouped, run_study, study_parser, write_csv
 
 from tactilenlp import Measurements, Scene
-from tactilenlp.data.mistakes import most_likely, record_of
+from tactilenlp.data.mistakes import most_likely, record_of, suspected
 from tactilenlp.errors import MeasurementError
 
 SHIFTS = (-8, -5, -3, 3, 5, 8)  # samples
@@ -123,26 +124,29 @@ def begun(felt: np.ndarray) -> np.ndarray:
     return felt & ~np.vstack([none, felt[:-1]]) & np.vstack([felt[1:], none])
 
 
-def refusal(arrays: dict) -> tuple[str, float, float]:
-    """Return what a recording is refused for, gain and CPU time; "" where it is not."""
+def refusal(arrays: dict) -> tuple[str, float, float, str]:
+    """Return what a recording is refused for, gain, CPU time, and what is suspected.
+
+    "" where it is not refused; where it is, nothing is suspected any more.
+    """
     try:
         data = Measurements(**arrays)
     except MeasurementError as error:
-        return f"constructor: {error.what}", np.nan, 0.0
+        return f"constructor: {error.what}", np.nan, 0.0, ""
     began = process_time()
     found, gain, limit = most_likely(record_of(data, Scene()))
     seconds = process_time() - began
     if gain > limit:
-        return found.mistake, gain, seconds
+        return found.mistake, gain, seconds, ""
     try:
         Scene().check(data)
     except MeasurementError as error:
-        return f"ground: {error.what}", gain, seconds
-    return "", gain, seconds
+        return f"ground: {error.what}", gain, seconds, ""
+    return "", gain, seconds, suspected(data, Scene())
 
 
 def judged(path: str, correct: bool) -> list[list]:
-    """Return [group, name, refusal, gain [nats], CPU [s], why untold] of each."""
+    """Return [group, name, refusal, nats, CPU [s], suspected, why untold] of each."""
     data = Measurements.load(path)
     arrays = {key: getattr(data, key) for key in vars(data)}
     made = {("none", "as it is"): {}} | ({} if correct else mistakes_of(data))
@@ -162,6 +166,7 @@ def table_of(rows: list[dict]) -> list[dict]:
         table.append({
             "group": group, "made": len(mine), "untold": len(mine) - len(told),
             "found": int(found.sum()), "share": round(float(found.mean()), 4),
+            "suspected": sum(bool(row["suspected"]) for row in told),
             "cpu_s_median": round(float(np.median(cpu)), 4),
             "cpu_s_most": round(float(np.max(cpu)), 4),
         })  # fmt: skip
@@ -191,7 +196,7 @@ def main() -> None:
         results = run_study(
             given.folder / "mistakes.jsonl", "mistakes", judged, cases, executor
         )
-    keys = ("group", "mistake", "refused", "nats", "cpu_s", "untold")
+    keys = ("group", "mistake", "refused", "nats", "cpu_s", "suspected", "untold")
     rows = [
         {"recording": Path(path).stem} | dict(zip(keys, line, strict=True))
         for (path, _), lines in zip(cases, results, strict=True)
