@@ -32,6 +32,15 @@ def test_statistics_tell_what_turned_sensors_gain(touched):
     assert wald(free, unknown) == pytest.approx(gain, rel=0.05)
 
 
+def test_a_compliance_that_rigid_fingertips_leave_may_be_zero(touched):
+    given = touched.measurements, touched.scene, CUBOID, "violation_implicit"
+    job = read_request(*given, None, None, None, Session())[0].job
+    soft = job.with_reductions(rigid=False)
+    free = warm_started(soft, solved_from(job, touched.origin), FREED_MU)
+    assert free.solution.values["compliance"][0, 0] < 1e-5  # of 5e-3 m in its prior
+    assert wald(free, "compliance") < 0.01
+
+
 @pytest.mark.slow
 def test_each_model_begins_with_no_solves_of_another(recorded, monkeypatch):
     refined, begun = optima.refined, []

@@ -220,9 +220,11 @@ def wald(solved: Solved, unknown: str) -> float:
     """Return by how many nats the objective would rise were one unknown zero.
 
     By its Hessian: half of Wald's statistic (1943).  Of compliance, whose objective
-    rises ever faster towards zero, it is the least.
+    rises ever faster towards zero, it is the least; at its bound it is zero already.
     """
     problem, kkt = solved.problem, kkt_system_of(solved.problem, solved.solution)
+    if kkt.active[f"bounds of {unknown}"]:
+        return 0.0
     own = np.arange(problem.size)[problem.variables[unknown].span]
     covariance = kkt.sensitivity(own)[0][own]
     return float(kkt.x[own] @ np.linalg.solve(covariance, kkt.x[own]) / 2)
