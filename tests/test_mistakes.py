@@ -1,6 +1,7 @@
 """A recording with a common mistake is refused before it is solved, and named."""
 
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tactilenlp import (
     World,
     solve_estimate,
 )
+from tactilenlp.common.deadline import Deadline
 from tactilenlp.data import mistakes
 from tactilenlp.data.mistakes import (
     check_mistakes,
@@ -25,6 +27,8 @@ from tactilenlp.data.mistakes import (
 )
 from tactilenlp.data.plausibility import jumps_of, of_one_rate
 from tactilenlp.errors import MeasurementError, MistakeError, OptionError
+from tactilenlp.interface.readout import with_suspicion
+from tactilenlp.interface.request import CHECK_FOR_MISTAKES
 
 
 @pytest.fixture(scope="module")
@@ -255,6 +259,23 @@ def test_a_mistake_that_is_not_sure_enough_to_refuse_is_suspected(scenes):
     check_mistakes(late, Scene())
     assert "finger 1 feels is 3 samples too late" in suspected(late, Scene())
     assert suspected(late, Scene(ground=None, gravity=0.0)) == ""
+
+
+@pytest.mark.parametrize(("left", "named"), [(60.0, True), (1.0, False)])
+def test_a_mistake_is_suspected_only_where_there_is_time_to_look(
+    data, estimate, left, named
+):
+    """The check took two seconds before the solve."""
+    deadline = Deadline.within(left)
+    deadline.spent[CHECK_FOR_MISTAKES] = 2.0
+    job = SimpleNamespace(
+        deadline=deadline, precision=SimpleNamespace(latency=0.0), scene=Scene()
+    )
+    poor = estimate.fit.doubted("a doubt")
+    found = with_suspicion(poor, job, touched_later(data, 0, 5))
+    assert ("finger 0 feels is 5 samples too late" in found.text) == named
+    assert with_suspicion(estimate.fit, job, data) is estimate.fit
+    assert deadline.omitted == ([] if named else ["a check for mistakes"])
 
 
 @pytest.mark.slow

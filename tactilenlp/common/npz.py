@@ -125,7 +125,8 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
         header = json.loads(str(arrays.pop("header")))
         foreign = partial(_foreign, header, str(path))
         _check_version(header, name, number, str(path), foreign)
-        found = _unpack(header["content"], arrays, kinds, foreign)
+        _check_fields(header["content"], kinds, foreign)
+        found = _unpack(header["content"], arrays, kinds)
     except FileError:
         raise
     except MALFORMED as bad:
@@ -176,17 +177,23 @@ def _foreign(header: dict, where: str, got: str, expected: str) -> FileError:
     )  # fmt: skip
 
 
-def _check_fields(kind: type, found: dict, foreign: Callable) -> None:
+def _check_fields(tree, kinds: dict, foreign: Callable) -> None:
     """Raise foreign(got, expected) if a dataclass in the file has other fields.
 
-    A field that has a default may be missing: it is younger than the file.
+    A field that has a default may be missing: it is younger than the file.  All are
+    compared before one is made, which may fail in a file of another version.
     """
-    ours = {field.name: field for field in dataclass_fields(kind)}
-    needed = {name for name, field in ours.items() if not _has_default(field)}
-    if differ := sorted((needed - set(found)) | (set(found) - set(ours))):
-        words = [f"{'no ' if f in ours else ''}{kind.__name__}.{f}" for f in differ]
-        expected = f"the {len(ours)} fields of {kind.__name__} in this version"
-        raise foreign(", ".join(words), expected)
+    if isinstance(tree, dict) and "kind" in tree:
+        kind, tree = tree["kind"], tree["fields"]
+        ours = {field.name: field for field in dataclass_fields(kinds[kind])}
+        needed = {name for name, field in ours.items() if not _has_default(field)}
+        if differ := sorted((needed - set(tree)) | (set(tree) - set(ours))):
+            words = [f"{'no ' if f in ours else ''}{kind}.{f}" for f in differ]
+            expected = f"the {len(ours)} fields of {kind} in this version"
+            raise foreign(", ".join(words), expected)
+    if isinstance(tree, (dict, list)):
+        for branch in tree.values() if isinstance(tree, dict) else tree:
+            _check_fields(branch, kinds, foreign)
 
 
 def _has_default(field) -> bool:
@@ -213,21 +220,20 @@ def _pack(value, name: str, arrays: dict, kinds: dict):
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _unpack(tree, arrays: dict, kinds: dict, foreign: Callable):
+def _unpack(tree, arrays: dict, kinds: dict):
     if not isinstance(tree, dict):
         return tree
     if "array" in tree:
         return arrays[tree["array"]]
 
     def inner(pairs):
-        return {k: _unpack(v, arrays, kinds, foreign) for k, v in pairs}
+        return {k: _unpack(v, arrays, kinds) for k, v in pairs}
 
     if "dict" in tree:
         return inner(tree["dict"].items())
     if "list" in tree:
         return tuple(inner(enumerate(tree["list"])).values())
     kind = kinds[tree["kind"]]
-    _check_fields(kind, tree["fields"], foreign)
     fields = inner(tree["fields"].items())
     check_kinds(kind, fields)
     found = kind(**fields)

@@ -37,7 +37,7 @@ from ..problem.pages import name_of
 from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
-from .request import Request
+from .request import CHECK_FOR_MISTAKES, Request
 from .result import SOLVED, Estimate
 
 FAR_OFF = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
@@ -61,7 +61,9 @@ def read_off(
     status = deadline.marked(solution.status)
     left = variance_left(job.data, job.precision)
     fit = fit_of(solved.problem, solution, solved.window, job.data, left)
-    fit = with_suspicion(with_doubts(fit, solved.skipped), job, request.data)
+    fit = with_doubts(fit, solved.skipped)
+    if solution.success:
+        fit = with_suspicion(fit, job, request.data)
     if fit is not None and NOT_COMPUTED not in information.unobserved:
         information = information.widened(fit.widening)
     return Estimate(
@@ -93,8 +95,14 @@ def with_doubts(fit, skipped):
 
 
 def with_suspicion(fit, job, recorded):
-    """Return a Fit that, where it is not good, names a likely mistake in the data."""
-    if fit is None or fit.verdict == "good" or not job.options.check_mistakes:
+    """Return a Fit that, where it is not good, names a likely mistake in the data.
+
+    Where there is time for the check that the data passed before the solve, again.
+    """
+    seconds = job.deadline.spent.get(CHECK_FOR_MISTAKES)
+    if fit is None or fit.verdict == "good" or seconds is None:
+        return fit
+    if job.deadline.passed("a check for mistakes", seconds):
         return fit
     data = with_fingers_earlier(recorded, job.precision.latency)
     return replace(fit, suspected=suspected(data, job.scene))

@@ -36,6 +36,8 @@ from .result import Estimate
 # [s] of the information, and of a long limit: 3 to 9 s with 3000 samples
 READOUT_TIME, READOUT_SHARE, MOST_READOUT_TIME = 2.0, 0.15, 10.0
 
+CHECK_FOR_MISTAKES = "check for mistakes"  # purpose of time that a deadline counts
+
 
 @dataclass(frozen=True, eq=False)
 class Request:
@@ -82,19 +84,21 @@ def read_request(
     Raises NoContactError, MistakeError, MeasurementError, OptionError, SceneError or
     StartError for what cannot be solved.
     """
-    began = time.monotonic()
+    began, checking = time.monotonic(), Deadline()
     check_types(data=(data, Measurements), session=(session, Session))
     scene, shape, options, page = asked(scene, shape, formulation, options, executor)
     if options.check_mistakes:
         late = scene.latency
         if late is None:
             late = getattr(start, "latency", 0.0)  # of an estimate to continue
-        check_mistakes(with_fingers_earlier(data, late), scene)
+        with checking.spending(CHECK_FOR_MISTAKES):
+            check_mistakes(with_fingers_earlier(data, late), scene)
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
+    job.deadline.spent.update(checking.spent)
     if isinstance(start, Estimate) and scene.latency is None:
         job = job.as_late_as(start.sensors)
     known = [] if start is None else carried_hypotheses(start, shape, scene, data)

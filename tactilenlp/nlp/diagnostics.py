@@ -157,8 +157,8 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
         assembled = assembled_error(problem, x, data, rng)
     at, variables = (x / problem.scale, data), problem.variables.values()
     g, J = np.abs(problem.assembly.evaluated(*at)[1]), problem.assembly.slopes(*at)
-    c = problem.assembly.curvature(*at, 1.0, np.zeros(problem.rows)).diagonal()
-    c, lengths = np.abs(c), np.sqrt(J.multiply(J).sum(axis=1).A1)
+    c = sum(problem.hessian(name, x, data).diagonal() for name in problem.costs)
+    c, lengths = np.abs(c * problem.scale**2), np.sqrt(J.multiply(J).sum(axis=1).A1)
     rank, equalities, equality_rank, dependent = _rank(problem, J)
     found = {
         "gradient": {v.name: _span(g[v.span]) for v in variables},

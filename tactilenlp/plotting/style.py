@@ -64,11 +64,13 @@ def dress(axis) -> None:
 
 def check_axes(axis, *counts: int) -> list:
     """Return a list of so many axes, without counts of any number; else OptionError."""
-    axes = [*np.ravel(np.asarray(axis, dtype=object))]
-    if len(axes) in (counts or [len(axes)]) and all(isinstance(a, Axes) for a in axes):
+    axes, counts = [*np.ravel(np.asarray(axis, dtype=object))], dict.fromkeys(counts)
+    others = [type(a).__name__ for a in axes if not isinstance(a, Axes)]
+    if len(axes) in (counts or [len(axes)]) and not others:
         return axes
     raise OptionError(
-        "wrong number of axes", where="axis", got=len(axes),
+        "no axes" if others else "wrong number of axes", where="axis",
+        got=f"a {others[0]}" if others else len(axes),
         expected=f"{' or '.join(map(str, counts))} matplotlib Axes".strip(),
     )  # fmt: skip
 

@@ -133,11 +133,11 @@ def without_needless(solved: Solved) -> Solved:
         by_data = getattr(job.options.reductions, name) > getattr(reductions, name)
         if not (by_data and fixes(fixed, name)):
             continue
+        if job.deadline.passed(f"a fixed {nuisance.dropped}"):
+            break
         spread = misfit_of(job, solved).spread
         if wald(solved, nuisance.unknown) > _needed(solved, nuisance, spread):
             continue
-        if job.deadline.passed(f"a fixed {nuisance.dropped}"):
-            break
         smaller = warm_started(fixed, solved, FREED_MU)
         gain, needed = _compared(smaller, solved, nuisance, spread)
         if smaller.solution.success and gain <= needed:
@@ -207,13 +207,14 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
 def score(job, solved: Solved, unknown: str) -> float:
     """Return by how many nats a Newton step on one more unknown lowers the objective.
 
-    All others move with it: half of Rao's score statistic (1948).
+    All others move with it: half of Rao's score statistic (1948).  Where the Hessian is
+    indefinite, such a step may raise it: none is gained.
     """
     problem, window, _ = problem_at(job, solved.hypothesis)
     kkt = kkt_system_of(problem, transferred(solved, window, problem))
     own = np.arange(problem.size)[problem.variables[unknown].span]
     slope = kkt_residual(problem, kkt)[0][own]
-    return float(slope @ kkt.sensitivity(own)[0][own] @ slope / 2)
+    return max(0.0, float(slope @ kkt.sensitivity(own)[0][own] @ slope / 2))
 
 
 def wald(solved: Solved, unknown: str) -> float:
