@@ -63,6 +63,14 @@ def test_what_is_not_finite_at_the_guess_is_found():
     assert '"log" or a derivative of it is not finite near the guess' in findings
 
 
+def test_a_constraint_without_numbers_hides_no_curvature_of_the_costs():
+    problem = Problem()
+    x = problem.variable("x", 2, guess=-1.0, unit="m", scale=1)
+    problem.minimize("distance", lambda x: ca.sumsqr(x - 1), x, role="prior")
+    problem.subject_to("root", lambda x: ca.sqrt(x[0]), x, lower=0.0)
+    assert problem.check().curvature["x"] == pytest.approx((2.0, 2.0))
+
+
 def test_a_bad_scale_is_named_with_its_remedy():
     problem = Problem()
     x = problem.variable("x", 1, guess=0.1, unit="m", scale=1)

@@ -221,6 +221,7 @@ def test_a_file_from_before_a_field_with_a_default_is_read(saved, tmp_path):
     assert old.scene == new.scene
     np.testing.assert_array_equal(old.theta, new.theta)
     fields["unheard_of"] = 1
+    fields["scene"]["fields"]["mass"] = "light"  # as that version wrote it
     arrays["header"] = np.array(json.dumps(header))
     np.savez(tmp_path / "new.npz", **arrays)
     with pytest.raises(FileError, match="another version"):

@@ -276,3 +276,7 @@ def test_four_axes_of_ones_own_are_drawn_into(touched):
         plot_estimate(touched, axis=axes[0])
     with pytest.raises(OptionError, match="expected 1 or 2 matplotlib Axes"):
         plot_impulses(touched, axis=axes)
+    with pytest.raises(
+        OptionError, match="no axes: expected matplotlib Axes, got a str"
+    ):
+        plot_top(touched, axis="x")
