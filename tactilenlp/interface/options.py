@@ -41,8 +41,9 @@ class Options:
     was left out; ipopt: options by IPOPT's names; with one that is no field of
     solvers.options.Settings, IPOPT solves everything; rivals: also compute profile
     likelihoods of sizes that no touch determines; check_mistakes: refuse measurements
-    in which axes, signs, units, fingers or times are probably wrong (MistakeError);
-    seed: has no effect; a FutureWarning if it is given.
+    in which axes, signs, units, fingers or times are probably wrong (MistakeError), and
+    name a mistake that is likely where the fit is not good; seed: has
+    no effect; a FutureWarning if it is given.
     """
 
     seed: int | None = None
