@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formulations.names import RADIUS_OF
+from formulations.names import LATE_TOUCHES, RADIUS_OF
 from tactilenlp import (
     Measurements,
     Scene,
@@ -14,6 +14,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.estimation.programme import programme_at
+from tactilenlp.information.consider_parameters import Considered
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.output.summary import doubts_in_words
@@ -73,6 +74,21 @@ def test_a_radius_told_wrong_is_found_where_it_fits_no_body(tmp_path):
     again = type(found).load(file).information.considered
     for name, told in found.information.considered.items():
         np.testing.assert_array_equal(again[name], told)
+
+
+def test_what_is_considered_has_names_and_survives_a_file(estimate, tmp_path):
+    known = estimate.information.considered
+    for told in known.values():
+        assert told == (told.mean, told.sigma, told.probability)
+        assert told.sigma > 0
+        assert 0 <= told.probability <= 1
+    estimate.save(tmp_path / "estimate.npz")
+    with np.load(tmp_path / "estimate.npz") as file:  # an array each, as before
+        told = file[f"information/considered/{LATE_TOUCHES}"]
+    assert known[LATE_TOUCHES] == tuple(told)
+    again = type(estimate).load(tmp_path / "estimate.npz").information.considered
+    assert again == known
+    assert {type(told) for told in again.values()} == {Considered}
 
 
 def test_the_summary_tells_what_is_not_as_it_was_taken():

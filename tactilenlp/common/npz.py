@@ -202,8 +202,8 @@ def _has_default(field) -> bool:
 
 def _pack(value, name: str, arrays: dict, kinds: dict):
     """Return a JSON tree of `value`; its arrays are stored in `arrays` by path."""
-    if isinstance(value, np.ndarray):
-        arrays[name] = value
+    if isinstance(value, np.ndarray) or hasattr(value, "_fields"):  # a named tuple
+        arrays[name] = np.asarray(value)
         return {"array": name}
 
     def inner(pairs):

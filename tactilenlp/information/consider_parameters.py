@@ -29,7 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formulations.names import FREE_TERM, RADIUS_OF, TOUCH_TERM
+from formulations.names import (
+    FREE_TERM,
+    LATE_NORMALS,
+    LATE_TOUCHES,
+    RADIUS_OF,
+    ROUNDED_EDGES,
+    TOUCH_TERM,
+)
 
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
@@ -94,10 +101,23 @@ class Doubt:
         return self.squared * np.outer(moves, moves)
 
 
-def in_numbers(doubts: dict[str, Doubt]) -> dict[str, np.ndarray]:
-    """Return (3,) by name: mean, deviation, and probability of not being as taken."""
+class Considered(NamedTuple):
+    """What the touches tell of a quantity that the page takes as given.
+
+    mean: where it is likeliest, against that; sigma: its standard deviation; both in
+    [m] of edges and radii, in [s] of late sensors; probability [-] that it is not as
+    given.
+    """
+
+    mean: float
+    sigma: float
+    probability: float
+
+
+def in_numbers(doubts: dict[str, Doubt]) -> dict[str, Considered]:
+    """Return what the touches tell of each quantity, by name."""
     return {
-        name: np.array([d.mean, d.information**-0.5, 1 / (1 + d.none)])
+        name: Considered(d.mean, d.information**-0.5, 1 / (1 + d.none))
         for name, d in doubts.items()
     }
 
@@ -109,9 +129,9 @@ def considered(at) -> dict[str, Doubt]:
     """
     if TOUCH_TERM not in at.kkt.problem.costs:
         return {}
-    found = {"late normals": late_normals(at), "late touches": late_touches(at)}
+    found = {LATE_NORMALS: late_normals(at), LATE_TOUCHES: late_touches(at)}
     if at.shape.rounded is not None:
-        found["rounded edges"] = rounded_edges(at)
+        found[ROUNDED_EDGES] = rounded_edges(at)
     fingers = np.unique(at.window.touch.finger)
     return found | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
 

@@ -26,7 +26,10 @@ from formulations.names import (
     FINGER_FRICTION,
     GROUND_FRICTION,
     GROUND_GAP,
+    LATE_NORMALS,
+    LATE_TOUCHES,
     RADIUS_OF,
+    ROUNDED_EDGES,
     TOUCH_TERM,
 )
 
@@ -183,9 +186,9 @@ def errors_of_sensing(response: Response) -> Iterator[np.ndarray]:
     yield sensor_covariance(*both, at.sensed)
     if TOUCH_TERM in at.kkt.problem.costs:
         yield model_error(at.kkt, *touched, at.sensed, at.window, at.shape)
-    for name in ("rounded edges", "late normals", "late touches"):
+    for name in (ROUNDED_EDGES, LATE_NORMALS, LATE_TOUCHES):
         if name in doubts:
-            moved = response.motions[0] if name == "late touches" else 0.0
+            moved = response.motions[0] if name == LATE_TOUCHES else 0.0
             yield doubts[name].covariance(by_gradient, moved)
     if radii := [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]:
         yield sum(doubt.covariance(by_gradient) for doubt in radii)

@@ -17,7 +17,7 @@ from ..common.layout import ANY
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
 from ..nlp.kkt import KKTSystem, kkt_system_of
-from .consider_parameters import in_numbers
+from .consider_parameters import Considered, in_numbers
 from .error_budget import Linearisation, error_budget
 from .error_budget_terms import bounded_pose, profile_beyond, untouched_faces
 from .mixture import (
@@ -56,9 +56,8 @@ class Information:
     with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these; path
     (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame;
     ground (6, 6): what the ground under a body in planar motion adds to the covariance
-    of its final position and rotation; considered: by name of a quantity that the page
-    takes as given, (3,): where it is likeliest, against that [SI], its deviation, and
-    the probability that it is not as given.
+    of its final position and rotation; considered: what touches tell of quantities that
+    the page takes as given, by name.
     """
 
     names: tuple[str, ...]
@@ -78,7 +77,7 @@ class Information:
     with_offsets: np.ndarray | None = None
     path: np.ndarray | None = None
     ground: np.ndarray | None = None
-    considered: dict[str, np.ndarray] = field(default_factory=dict)
+    considered: dict[str, Considered | np.ndarray] = field(default_factory=dict)
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "names": ("k",),
@@ -99,6 +98,10 @@ class Information:
         "ground": (6, 6),
         "considered/*": (3,),
     }
+
+    def __post_init__(self) -> None:
+        for name, told in self.considered.items():  # an array, from a file
+            self.considered[name] = Considered(*map(float, told))
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
-from formulations.names import RADIUS_OF
+from formulations.names import LATE_NORMALS, RADIUS_OF, ROUNDED_EDGES
 from formulations.rigid_body import G
 
-MM_PER_M = 1e3  # [mm/m]
+MM_PER_M, MS_PER_S = 1e3, 1e3  # [mm/m], [ms/s]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
 LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
@@ -72,10 +72,11 @@ def nuisances_in_words(estimate) -> Iterator[str]:
             f"({x:.2f}, {y:.2f}, {z:.2f}) deg."
         )
     if estimate.latency and estimate.scene.latency is None:
-        late, error = estimate.sensors.latency, estimate.sensors.latency_error
+        sensors = estimate.sensors
+        late, error = MS_PER_S * sensors.latency, MS_PER_S * sensors.latency_error
         yield (
-            f"Contacts and normals are {1e3 * late:.0f} ± {1e3 * error:.0f} ms later "
-            "than finger positions: poses are moved on by that time."
+            f"Contacts and normals are {late:.0f} ± {error:.0f} ms later than finger "
+            "positions: poses are moved on by that time."
         )
     if estimate.compliance is not None:
         yield _compliance(estimate)
@@ -191,14 +192,15 @@ def doubts_in_words(considered) -> list[str]:
 
     considered: see Information.  The latency has its own sentence.
     """
-    told = {n: one for n, one in considered.items() if one[2] > WORTH_TELLING}
     lines, radii = [], []
-    for name, (off, sigma, _) in told.items():
+    for name, (off, sigma, probability) in considered.items():
+        if probability <= WORTH_TELLING:
+            continue
         size, error = MM_PER_M * abs(off), MM_PER_M * sigma
-        if name == "rounded edges":
+        if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")
-        elif name == "late normals":
-            late = f"{size:.0f} ± {error:.0f} ms"
+        elif name == LATE_NORMALS:
+            late = f"{MS_PER_S * abs(off):.0f} ± {MS_PER_S * sigma:.0f} ms"
             lines.append(f"Normals are {late} later than contacts.")
         elif name.startswith(RADIUS_OF):
             side = "larger" if off > 0 else "smaller"
