@@ -7,7 +7,7 @@ marginalised by a Schur complement (Laplace approximation); nothing is solved he
 - `information`, `polytope_information`, `tangent_space`: what is known, what is open
 - `trajectory`: deviations of the pose at every sample, and of finger offsets
 - `goodness_of_fit`: expected and actual cost of the likelihood, a verdict
-- `error_budget`: the errors that sigma covers; `error_budget_terms`,
+- `error_budget`: the errors that sigma covers, by name; `error_budget_terms`,
   `measurement_noise`, `consider_parameters`: each term; `mixture`: several local optima
 - `sensitivity`, `comparisons`: parametric sensitivity; other kinds of information, gain
 """

@@ -8,8 +8,40 @@ The sandwich covariance (White 1982) is
 
 where G is the covariance of the gradient by each source of error: of sensing, and of
 the model.  A term applies where the programme has what it is about, in any class.
-Untouched faces and profile likelihoods are added to the covariance of the mixture.
 PHYSICS is measured: with it sigma covers the errors of 20 recordings.
+
+Of sensing:
+
+    sensor noise            of measured positions and normals
+    touches off the model   gaps and normals of touches that no body explains
+    rounded edges           edges are taken as sharp
+    late normals            normals are taken as of the instant of contacts
+    late touches            touches are taken as of the instant of positions
+    radii of fingers        radii may be told wrong
+    tilt of the ground      and of a body that stands on an uneven one
+
+Of priors and physics:
+
+    priors                  of sizes and poses, and regularisers
+    physics                 balances and laws of contact do not hold exactly
+    missing impulses        of contacts that a hard balance does not have
+    regularisation          of the KKT matrix, a weak prior
+    finger friction         a coefficient that was given
+    ground friction         a coefficient that was given
+    uneven ground           corners off the plane of a hard ground
+    negative curvature      directions along which the Hessian is negative
+    stick or slip           fingers that may stick instead of slide
+    unseen motion           bodies that move on, or stop, unseen
+    prior of a hull         bodies are no balls
+
+Added to their sum:
+
+    other optima            local optima and their distance (mixture.py)
+    untouched faces         faces that nothing touched
+    profile likelihood      what it has beyond the mixture
+    bound of the pose       the weak prior of the final pose (`bounded_pose`)
+    active bounds           vertices of a hull that a bound holds
+    poor fit                what the Birge ratio adds (goodness_of_fit.py)
 """
 
 from __future__ import annotations
@@ -62,6 +94,7 @@ from .tangent_space import pose_jacobians
 
 PHYSICS = 0.3  # [-] share of the curvature of physics that is its error
 PRIORS = ("prior", "regulariser")  # roles of costs whose curvature is their error
+OF_PRIORS, GROUND_TILT, POOR_FIT = "priors", "tilt of the ground", "poor fit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +141,13 @@ class Linearisation:
 
         None where it is known, or there is none.
         """
-        scene = self.sensed.scene
+        sensed, scene = self.sensed, self.sensed.scene
         if scene.ground is None or scene.sigma_tilt == 0:
             return None
         if TOUCH_TERM not in self.kkt.problem.costs:
             return None
-        sensed = self.sensed
-        about = self.end * (1, 1, 0)
-        given = self.kkt, sensed.build, self.window, sensed.data, scene, about
-        return ground_tilt(*given)
+        given = self.kkt, sensed.build, self.window, sensed.data, scene
+        return ground_tilt(*given, self.end * (1, 1, 0))
 
     @cached_property
     def values(self) -> dict[str, np.ndarray]:
@@ -178,53 +209,92 @@ class Response:
         )
 
 
-def errors_of_sensing(response: Response) -> Iterator[np.ndarray]:
-    """Yield the covariance (k, k) by each error of what is measured or was told."""
+def errors_of_sensing(response: Response) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and covariance (k, k) of each error of what is measured or told."""
     at, by_gradient, doubts = response.at, response.by_gradient, response.at.doubts
     touched, others = response.moved(True), response.moved(False)
     both = (by + by_other for by, by_other in zip(touched, others, strict=True))
-    yield sensor_covariance(*both, at.sensed)
+    yield "sensor noise", sensor_covariance(*both, at.sensed)
     if TOUCH_TERM in at.kkt.problem.costs:
-        yield model_error(at.kkt, *touched, at.sensed, at.window, at.shape)
+        off = model_error(at.kkt, *touched, at.sensed, at.window, at.shape)
+        yield "touches off the model", off
     for name in (ROUNDED_EDGES, LATE_NORMALS, LATE_TOUCHES):
         if name in doubts:
             moved = response.motions[0] if name == LATE_TOUCHES else 0.0
-            yield doubts[name].covariance(by_gradient, moved)
+            yield name, doubts[name].covariance(by_gradient, moved)
     if radii := [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]:
-        yield sum(doubt.covariance(by_gradient) for doubt in radii)
+        yield "radii of fingers", sum(one.covariance(by_gradient) for one in radii)
     if at.tilt is not None:
-        yield at.tilt.covariance(by_gradient, response.turned)
+        yield GROUND_TILT, at.tilt.covariance(by_gradient, response.turned)
 
 
-def errors_of_model(response: Response) -> Iterator[np.ndarray]:
-    """Yield the covariance (k, k) by each error of priors and physics."""
+def errors_of_model(response: Response) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and covariance (k, k) of each error of priors and physics."""
     at, kkt, problem = response.at, response.at.kkt, response.at.kkt.problem
     by_gradient, by_constraint = response.by_gradient, response.by_constraint
     roles = {name: term.role for name, term in problem.costs.items()}
     priors = [name for name, role in roles.items() if role in PRIORS]
-    yield curvature_of_costs(kkt, by_gradient, priors)
+    yield OF_PRIORS, curvature_of_costs(kkt, by_gradient, priors)
     physics = [name for name, role in roles.items() if role == "physics"]
     physics += problem.constraints
-    yield PHYSICS * curvature_of_costs(kkt, by_gradient, physics)
-    yield PHYSICS * missing_impulses(kkt, by_constraint)
-    yield regularisation(kkt, by_gradient)
+    yield "physics", PHYSICS * curvature_of_costs(kkt, by_gradient, physics)
+    yield "missing impulses", PHYSICS * missing_impulses(kkt, by_constraint)
+    yield "regularisation", regularisation(kkt, by_gradient)
     for name in (FINGER_FRICTION, GROUND_FRICTION):
         if name in problem.parameters:  # it was given
-            yield friction_error(kkt, by_gradient, by_constraint, name)
+            yield name, friction_error(kkt, by_gradient, by_constraint, name)
     if GROUND_GAP in problem.constraints:
-        yield uneven_ground(kkt, by_constraint, at.window)
-    yield negative_curvature(response.hessian)
+        yield "uneven ground", uneven_ground(kkt, by_constraint, at.window)
+    yield "negative curvature", negative_curvature(response.hessian)
     if len(at.window.push):
-        yield stick_slip(kkt, by_gradient, at.window, at.sensed.data.action)
-    yield unseen_motion(response)
+        action = at.sensed.data.action
+        yield "stick or slip", stick_slip(kkt, by_gradient, at.window, action)
+    yield "unseen motion", unseen_motion(response)
     if BALL in problem.variables:
-        yield shape_prior_error(kkt, by_gradient)
+        yield "prior of a hull", shape_prior_error(kkt, by_gradient)
+
+
+def errors_by_name(response: Response) -> dict[str, np.ndarray]:
+    """Return the covariance (k, k) of the chosen unknowns, SI, by each error alone."""
+    errors, every = {}, chain(errors_of_sensing(response), errors_of_model(response))
+    for name, covariance in every:
+        response.at.deadline.check()
+        errors[name] = covariance
+    return errors
+
+
+def summed(errors: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the covariance (k, k) by all errors."""
+    total = sum(errors.values())
+    return (total + total.T) / 2
 
 
 def error_budget(response: Response) -> np.ndarray:
     """Return the covariance (k, k) of the chosen unknowns, SI: the sum of all terms."""
-    total = np.zeros_like(response.hessian)
-    for covariance in chain(errors_of_sensing(response), errors_of_model(response)):
-        response.at.deadline.check()
-        total += covariance
-    return (total + total.T) / 2
+    return summed(errors_by_name(response))
+
+
+def widened(errors: dict, covariance, factor: float) -> dict[str, np.ndarray]:
+    """Return errors and what a factor of sigma adds; covariance (k, k): their sum."""
+    if not errors or factor == 1.0:
+        return errors
+    more = errors.get(POOR_FIT, 0.0) + (factor**2 - 1) * covariance
+    return errors | {POOR_FIT: more}
+
+
+def deviations(errors: dict, jacobian, unit=1.0, ground=None) -> dict[str, np.ndarray]:
+    """Return standard deviations (n,) by each error alone, the largest first.
+
+    Of numbers of Jacobian (n, k); unit (n,): in which variances are compared; ground
+    (n,): variances that the ground adds, of which a poor fit has its share.
+    """
+    found = {name: np.diag(jacobian @ C @ jacobian.T) for name, C in errors.items()}
+    if ground is not None:
+        found = {name: np.nan_to_num(variance) for name, variance in found.items()}
+        fit = np.trace(errors.get(POOR_FIT, np.zeros((1, 1))))
+        share = fit / sum(np.trace(C) for C in errors.values())
+        for name, part in ((GROUND_TILT, 1 - share), (POOR_FIT, share)):
+            found[name] = found.get(name, 0.0) + part * ground
+    order = sorted(found, key=lambda name: -np.nansum(found[name] / unit))
+    sigma = {name: np.sqrt(np.maximum(found[name], 0.0)) for name in order}
+    return {name: s for name, s in sigma.items() if np.nansum(s) > 0}

@@ -247,6 +247,20 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     return total
 
 
+def beyond_mixture(modes, at, tangent, faces, profile) -> dict[str, np.ndarray]:
+    """Return the covariances (k, k) of errors that a mixture of optima leaves out.
+
+    faces, profile: see information_of.
+    """
+    noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
+    beyond = untouched_faces(tangent, at.shape, faces, noise, grounded)
+    errors = {"untouched faces": beyond}
+    if profile is not None:
+        profile = profile @ tangent.jacobian.T
+        errors["profile likelihood"] = profile_beyond(profile, modes.covariance)
+    return errors
+
+
 def profile_beyond(profile, C) -> np.ndarray:
     """Return the covariance (k, k) that the profile likelihood (k, k) has beyond C.
 

@@ -18,11 +18,12 @@ from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from .consider_parameters import Considered, in_numbers
-from .error_budget import Linearisation, error_budget
-from .error_budget_terms import bounded_pose, profile_beyond, untouched_faces
+from .error_budget import Linearisation, deviations, errors_by_name, summed, widened
+from .error_budget_terms import beyond_mixture
 from .mixture import (
     LocalOptimum,
     Modes,
+    bounded,
     distinct_modes,
     laplace_mixture,
     one_mode,
@@ -57,7 +58,8 @@ class Information:
     (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame;
     ground (6, 6): what the ground under a body in planar motion adds to the covariance
     of its final position and rotation; considered: what touches tell of quantities that
-    the page takes as given, by name.
+    the page takes as given, by name; budget: covariances (k, k) by each error alone, of
+    which spread is the sum, by the names of error_budget.py; empty in older files.
     """
 
     names: tuple[str, ...]
@@ -78,6 +80,7 @@ class Information:
     path: np.ndarray | None = None
     ground: np.ndarray | None = None
     considered: dict[str, Considered | np.ndarray] = field(default_factory=dict)
+    budget: dict[str, np.ndarray] = field(default_factory=dict)
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "names": ("k",),
@@ -97,6 +100,7 @@ class Information:
         "path": ("T", 6),
         "ground": (6, 6),
         "considered/*": (3,),
+        "budget/*": ("k", "k"),
     }
 
     def __post_init__(self) -> None:
@@ -124,6 +128,26 @@ class Information:
         if self.ground is None or name not in POSE:
             return C
         return np.nan_to_num(C) + self.ground[POSE[name], POSE[name]]
+
+    def error_budget(self, name: str | None = None) -> dict[str, np.ndarray]:
+        """Return standard deviations by each error alone, SI, the largest first.
+
+        (3,) of a quantity, or (k,) of `names`: their squares add up to those of sigma.
+        error_budget.py says what each error is.
+        """
+        self.covariance(name)  # refuses what has none
+        if not self.budget or name == "finger_offset":
+            raise OptionError(
+                "no error budget", where="information", got=name,
+                expected=f"one of {sorted(self.maps)}, of an estimate of this version",
+            )  # fmt: skip
+        if name is None:
+            return deviations(
+                self.budget, np.eye(len(self.names)), np.diag(self.spread)
+            )
+        added = self.ground is not None and name in POSE
+        ground = np.diag(self.ground)[POSE[name]] if added else None
+        return deviations(self.budget, self.maps[name], ground=ground)
 
     def sigma(self, name: str, sample: int | None = None) -> np.ndarray:
         """Return standard deviations (3,), SI; NaN where fixed, on an exact ground.
@@ -179,7 +203,9 @@ class Information:
         """Return the same, all standard deviations multiplied by a factor."""
         powers = {"spread": 2, "ground": 2, "offsets": 2, "path": 1}
         known = {n: v for n, v in vars(self).items() if n in powers and v is not None}
-        return replace(self, **{n: factor ** powers[n] * known[n] for n in known})
+        told = {n: factor ** powers[n] * known[n] for n in known}
+        budget = widened(self.budget, self.spread, factor)
+        return replace(self, budget=budget, **told)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of one optimum."""
@@ -190,7 +216,8 @@ class Information:
         spread = inverse(matrix) if spread is None else spread
         alone = one_mode(self.modes.objectives[0], spread)
         none = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
-        none |= {"matrix": matrix, "spread": spread, "parts": {}, "roles": {}}
+        none |= {"matrix": matrix, "spread": spread}
+        none |= {name: {} for name in ("parts", "roles", "budget")}
         return replace(self, modes=alone, **none)
 
 
@@ -207,16 +234,20 @@ def information_of(
     turned, ground = turned_with_ground(at, tangent)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
     C = response.hessian
-    errors, objective = error_budget(response), solution.objective
+    errors, objective = errors_by_name(response), solution.objective
     best = LocalOptimum(tangent.z, tangent.R, objective, C, solution, window)
     optima = distinct_modes(shape, tangent.turning, [best, *others])
-    modes = laplace_mixture(shape, tangent.turning, optima, errors)
-    covariance, path = _covariance_with_path(modes, optima, at, tangent, faces, profile)
+    modes = laplace_mixture(shape, tangent.turning, optima, summed(errors))
+    beyond = beyond_mixture(modes, at, tangent, faces, profile)
+    errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
+    path = deviations_of_path(at, tangent, modes, optima, more)
+    more = modes.covariance + more
+    covariance, errors = bounded(errors, more, shape, tangent.turning)
     words, directions = open_directions(tangent, covariance, shape, faces)
     return at_solution(
         at, response, tangent, inverse(C), spread=covariance, modes=modes,
         unobserved=words, directions=directions, indefinite=_indefinite(at.kkt),
-        path=path, ground=ground, **fields_of_offsets(at, tangent),
+        path=path, ground=ground, budget=errors, **fields_of_offsets(at, tangent),
     )  # fmt: skip
 
 
@@ -236,21 +267,6 @@ def at_solution(at, response, tangent, matrix, **told) -> Information:
         maps=tangent.maps, fixed=tangent.fixed, active=kkt.active,
         ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts), **told,
     )  # fmt: skip
-
-
-def _covariance_with_path(modes, optima, at, tangent, faces, profile):
-    """Return the covariance (k, k) and sigma of the path."""
-    noise, grounded = at.sensed.precision.position, len(at.window.corner) > 0
-    # What the mixture leaves out.
-    beyond = untouched_faces(tangent, at.shape, faces, noise, grounded)
-    if profile is not None:
-        beyond += profile_beyond(profile @ tangent.jacobian.T, modes.covariance)
-    pairs = zip(modes.weights[1:], optima[1:], strict=True)
-    others = [(weight, optimum) for weight, optimum in pairs if weight]
-    more = beyond + np.einsum("m,mij->ij", modes.weights[1:], modes.covariances[1:])
-    path = deviations_of_path(at, tangent, more, others)
-    covariance = modes.covariance + beyond
-    return bounded_pose(covariance, at.shape.theta, tangent.turning), path
 
 
 def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:

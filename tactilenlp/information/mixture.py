@@ -23,7 +23,7 @@ final pose.  What no touch tells costs nothing, in any class.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,8 @@ from formulations.rigid_body import ARM
 
 from ..common.brief import printed
 from ..nlp.kkt import kkt_system_of
-from .error_budget_terms import bounded_pose
+from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose
+from .tangent_space import widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
@@ -74,6 +75,13 @@ class Modes:
         """Covariance (k, k) of the mixture about the best mode."""
         second = np.einsum("mi,mj->mij", self.offsets, self.offsets)
         return np.einsum("m,mij->ij", self.weights, self.covariances + second)
+
+    def of_mixture(self, errors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return errors of the best mode as those of the mixture, others by name."""
+        best, *others = self.weights
+        shared = {name: best * error for name, error in errors.items()}
+        besides = replace(self, weights=np.array([0.0, *others])).covariance
+        return shared | {"other optima": besides}
 
 
 @dataclass(frozen=True)
@@ -174,6 +182,20 @@ def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
     if errors is not None:
         covariances[0] = errors
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
+
+
+def bounded(errors: dict, covariance, shape, turning: int) -> tuple[np.ndarray, dict]:
+    """Return what `bounded_pose` makes of a covariance (k, k), and of its errors, SI.
+
+    By the gain K of that prior, an error C is (1 - K) C (1 - K)'; the rest is its own.
+    """
+    n, kept = shape.theta, np.eye(len(covariance))
+    covariance = bounded_pose(covariance, n, turning)
+    widest = widest_deviations(shape, len(covariance), REACHED, ANY_ROTATION)
+    kept[:, n:] -= covariance[:, n:] / widest[n:] ** 2
+    known = {name: kept @ C @ kept.T for name, C in errors.items()}
+    own = {"bound of the pose": covariance - sum(known.values())}
+    return covariance, known | own
 
 
 def distinct_modes(shape, turning: int, found) -> list[LocalOptimum]:

@@ -11,7 +11,7 @@ import numpy as np
 from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
-from .error_budget import Linearisation, error_budget
+from .error_budget import Linearisation, errors_by_name, summed
 from .information import Information, at_solution
 from .mixture import one_mode
 from .tangent_space import TangentSpace
@@ -37,15 +37,16 @@ def polytope_information(at: Linearisation, solution, faces) -> Information:
     at.deadline.check()
     floor = LEAST_DEVIATION**2 * np.eye(V.size)
     indefinite = np.linalg.eigvalsh(response.hessian)[0] < -(LEAST_DEVIATION**2)
-    C, errors = (M + floor for M in (response.hessian, error_budget(response)))
+    C, errors = response.hessian + floor, errors_by_name(response)
+    covariance = summed(errors) + floor
     middle = centroid(V), _slope_of_centroid(V)
     path = trajectory_variance(at, middle)
     missing = int(np.count_nonzero(faces == 0))
     words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
     return at_solution(
-        at, response, tangent, np.linalg.inv(C), spread=errors,
-        modes=one_mode(solution.objective, errors), unobserved=words,
-        directions=np.zeros((len(C), 0)),
+        at, response, tangent, np.linalg.inv(C), spread=covariance,
+        modes=one_mode(solution.objective, covariance), unobserved=words,
+        budget=errors | {"active bounds": floor}, directions=np.zeros((len(C), 0)),
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
     )  # fmt: skip
 

@@ -69,11 +69,17 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
 
 
-def deviations_of_path(at, tangent, beyond, optima) -> np.ndarray:
-    """Return the deviations (T, 6) of the pose at every sample."""
+def deviations_of_path(at, tangent, modes, optima, beyond) -> np.ndarray:
+    """Return the deviations (T, 6) of the pose at every sample.
+
+    modes: of optima; beyond (k, k): what the final pose has besides their mixture.
+    """
+    pairs = zip(modes.weights[1:], optima[1:], strict=True)
+    others = [(weight, optimum) for weight, optimum in pairs if weight]
+    more = beyond + np.einsum("m,mij->ij", modes.weights[1:], modes.covariances[1:])
     maps = np.concatenate([tangent.maps["position"], tangent.maps["rotation"]])
     middle = np.zeros(3), np.zeros((3, at.shape.theta))
-    variance = trajectory_variance(at, middle, (beyond, maps), optima)
+    variance = trajectory_variance(at, middle, (more, maps), others)
     if at.tilt is None or at.window.motion.name == "free":
         variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
     return np.sqrt(variance)
