@@ -104,6 +104,20 @@ def test_it_shows_what_the_estimate_says(page, estimate):
     assert total[0][1] == f"{estimate.fit.actual:.1f}"
 
 
+def test_it_shows_the_largest_error_of_each_quantity(page, estimate, tmp_path):
+    errors = estimate.information.error_budget("side_lengths")
+    sigma = np.array([*errors.values()])
+    rows = [name for name, _ in content(page)["sigma"]]
+    told = rows[rows.index("side z") + 1]
+    assert told.startswith("largest error: ")
+    for axis, worst in zip("xyz", sigma.argmax(axis=0), strict=True):
+        assert axis in re.search(rf"{[*errors][worst]} \((.*?)\)", told)[1]
+    before = replace(estimate.information, budget={})  # of an older file
+    replace(estimate, information=before).report(tmp_path / "report.html")
+    shown = [name for name, _ in content(tmp_path / "report.html")["sigma"]]
+    assert shown == [name for name in rows if not name.startswith("largest error")]
+
+
 def test_touched_points_lie_on_the_surface(page, estimate):
     points = np.array([touch["point"] for touch in content(page)["touches"]])
     beyond = (abs(points) - estimate.side_lengths / 2).max(axis=1)

@@ -168,7 +168,19 @@ def _sigma(estimate) -> list[list[str]]:
             if name in where and (name != "rotation" or s > 0.0):
                 words = f"{value * factor:.2f} {words}"
             rows.append([f"{quantity} {axis}", words])
+        if causes := _largest_errors(information, name):
+            rows.append([f"largest error: {causes}", ""])  # the first cell wraps
     return rows
+
+
+def _largest_errors(information, name: str) -> str:
+    """Return the errors that add most to sigma of some axis, "" where none is known."""
+    errors = information.error_budget(name) if information.budget else {}
+    sigma, axes = np.nan_to_num([*errors.values()]).reshape(-1, 3).T, {}
+    for axis, by_error in zip("xyz", sigma, strict=True):
+        if by_error.any():
+            axes.setdefault([*errors][np.argmax(by_error)], []).append(axis)
+    return ", ".join(f"{error} ({', '.join(axes[error])})" for error in axes)
 
 
 def _fit(fit) -> dict | None:
