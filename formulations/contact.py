@@ -1,13 +1,16 @@
 r"""Contact: friction cone, maximum dissipation, complementarity, inelasticity.
 
 An impulse is lam = (lam_n, lam_1, lam_2) [N s] in the frame (normal, t1, t2) of its
-contact.  The paper's list after eq:vimp, in its order:
+contact.  The paper's list after eq:vimp, in its order, as energies and limits:
 
-    complementarity     lam_n phi = 0
-    maximum dissipation mu lam_n |v_s| + v_s . lam_t = 0
-    non-penetration     min(0, phi)^2
-    inelasticity        lam_n max(v_n, 0)
-    friction cone       |lam_t| <= mu lam_n
+    complementarity      lam_n max(phi, 0)
+    maximum dissipation  D = lam_f sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t
+                             - v_eps sqrt(lam_f^2 - |lam_t|^2),   lam_f = mu lam_n + r w
+    non-penetration      min(0, phi)^2
+    inelasticity         lam_n max(v_n, 0)
+    friction cone        mu lam_n + r w - sqrt(|lam_t|^2 + (r w)^2) >= 0
+
+r w rounds the apex of the cone, v_eps the speed; max(., 0) is rounded as well.
 """
 
 from __future__ import annotations
@@ -67,9 +70,9 @@ def cone(mu, lam, rounding):
 
 
 def sliding_loss(most, lam, v_s, v_eps):
-    """Return most |v_s| + v_s . lam_t [J], which friction of `most` [N s] leaves.
+    """Return lam_f sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t [J]: what friction leaves.
 
-    v_s (2,) [m/s] sliding velocity in (t1, t2); v_eps [m/s] rounds |v_s|.
+    most: lam_f [N s]; v_s (2,) [m/s] sliding velocity in (t1, t2).
     """
     speed = ca.sqrt(ca.sumsqr(v_s) + v_eps**2)
     power = ca.dot(v_s, lam[1:3]) if lam.numel() > 1 else 0.0
@@ -77,16 +80,13 @@ def sliding_loss(most, lam, v_s, v_eps):
 
 
 def dissipation(mu, lam, v_s, v_eps, rounding):
-    """Return the energy that friction fails to dissipate, of the most it can [J].
+    """Return D, the energy that friction fails to dissipate, of the most it can [J].
 
-    With most = mu lam_n + rounding it is the gap of Fenchel's inequality
-
-        most sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t - v_eps sqrt(most^2 - |lam_t|^2) >= 0
-
-    which is zero where Coulomb's law holds, rounded over v_eps [m/s], and nowhere else:
-    v_s = -v_eps lam_t / sqrt(most^2 - |lam_t|^2).  So an impulse costs nothing as such,
-    however hard two fingers squeeze.  rounding [N s] is that of the cone: inside it the
-    last root is at least `rounding`; from half of that on, outside, it is constant.
+    It is the gap of Fenchel's inequality: zero where Coulomb's law holds, rounded over
+    v_eps [m/s], v_s = -v_eps lam_t / sqrt(lam_f^2 - |lam_t|^2), and positive elsewhere.
+    So an impulse costs nothing as such, however hard two fingers squeeze.  rounding:
+    r w [N s] of the cone, inside which the last root is at least `rounding`; from half
+    of that on, outside, it is constant.
     """
     most = mu * lam[0] + rounding
     left = ca.fmax(most**2 - ca.sumsqr(lam[1:]), rounding**2 / 4 + NO_IMPULSE**2)

@@ -1,10 +1,10 @@
 r"""What the fingers do to the body: the finger part of g(x_t, lam, r_t) of eq:vimp.
 
 An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) at the point where finger
-and body touch, during the step that ends at its sample.  With the velocity v_s at which
-they slide there, in nats,
+and body touch, during the step that ends at its sample.  With D of contact.py, the
+energy that friction fails to dissipate there, in nats,
 
-    felt      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)        (`dissipation`)
+    felt      kappa D dt / (w mm)
     unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w
 
 with w = m g dt.

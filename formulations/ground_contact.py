@@ -1,9 +1,10 @@
 r"""What the ground does to the body: the ground part of g(x_t, lam, r_t) of eq:vimp.
 
 The ground is z = 0.  An impulse lam = (lam_n, lam_1, lam_2) acts along (z, x, y) at a
-corner of the body of height z, which slides at v_s.  In nats, with w = m g dt,
+corner of the body of height z.  In nats, with w = m g dt and D of contact.py, the
+energy that friction fails to dissipate there,
 
-    dissipation      kappa (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)
+    dissipation      kappa D dt / (w mm)
     complementarity  kappa lam_n (z + ROOM REST) / (w mm)
     rest             z^2 / (2 REST^2)        at poses without a step, of low corners
     ground gap       z >= -ROOM REST

@@ -3,7 +3,7 @@ r"""Shape, friction and ground from motion alone: eq:vimp with every pose given.
     min  sum_k  imbalance(dv_k, dw_k, lam_k)                  momentum of every step
        + sum_kj lam_n/(lam_n + BITE w) touch(max(phi_kj, 0))  an impulse is at phi = 0
        + sum_kj touch(max(-phi_kj, 0))                        no corner below the ground
-       + sum_kj mu lam_n |v_s| + v_s . lam_t                  maximum dissipation, nats
+       + sum_kj sliding(lam_kj, v_s)                          maximum dissipation, nats
        + ((y - mean) / deviation)^2 / 2                       priors, y = theta, radius,
                                                               inertia, plane, offset
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n

@@ -3,8 +3,10 @@ r"""The terms of known_trajectory.py: what a corner does on the ground, in nats.
     imbalance     4 (sqrt(1 + off / 4) - 1),   off = |linear|^2 + |angular|^2
     touching      lam_n / (lam_n + BITE w) touch(max(phi, 0))
     penetration   touch(max(-phi, 0))
-    sliding       KAPPA (mu lam_n |v_s| + v_s . lam_t) dt / (w mm)        w = m g dt
+    sliding       KAPPA (lam_f sqrt(|v_s|^2 + V_EPS^2) + v_s . lam_t - r w V_EPS)
+                  dt / (w mm),       lam_f = mu lam_n + r w,   r = CONE_ROUNDING
 
+w is m g dt.  An impulse at rest costs KAPPA mu lam_n V_EPS dt / (w mm).
 The ground is z = a + b x + c y: (a, b, c) is the plane of all tosses plus the offset of
 one.  A pose is p_wo (3,) and R_wo (9,), column by column; `_1` is one
 sample ago, `_next` one ahead.
@@ -113,7 +115,7 @@ def penetration(plane, offset, radius, theta, sign, surface, p_wo, R_wo):
 
 
 def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_next, R_next):
-    """Return the cost of friction that does not dissipate, zero at rest."""
+    """Return the cost of friction that does not dissipate, zero without an impulse."""
     dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
     v = (place(p_next, R_next, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))

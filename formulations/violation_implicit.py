@@ -14,9 +14,9 @@ by a millimetre, which costs kappa nats: mass and time step cancel.
 
 Departures from the printed equations:
   eq:loss, sliding on      see likelihood.py and between_actions.py
-  dissipation              mu lam_n |v_s| + v_s . lam_t, instead of |v_s|^2 lam_n + ...:
-                           the printed form is no power, and is not zero where friction
-                           opposes sliding; it is zero where the rounded law holds
+  dissipation              D of contact.py, zero where the rounded law of Coulomb holds,
+                           instead of |v_s|^2 lam_n + v_s . lam_t: this is no power,
+                           and not zero where friction opposes sliding
   inelasticity             no term: without it optima gain no energy either
   indentation              felt fingers sit inside the surface, the deeper the harder
                            they push where fingertips are soft: see indentation.py
