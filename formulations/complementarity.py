@@ -25,7 +25,7 @@ import casadi as ca
 from . import centre_of_mass, contact, names
 from .balance import Balance, groups, moves
 from .contact import MM
-from .friction import Impulses, excess, friction, impulses, least
+from .friction import Impulses, cone_violation, friction, impulses, least
 from .level import Level
 from .rigid_body import ARM, G
 from .violation_implicit import WEIGHTS, contacts_of, felt
@@ -124,7 +124,7 @@ def sliding(nlp, name, velocity, now, side, eps, at):
         f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *at, upper=0
     )
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
-    nlp.report(f"{name} cone{names.EXACT}", excess, lam, mu, w)
+    nlp.report(f"{name} cone{names.EXACT}", cone_violation, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 

@@ -28,7 +28,7 @@ import casadi as ca
 
 from . import contact, indentation, sensing
 from .contact import MM
-from .friction import rounding
+from .friction import cone_rounding_of
 from .names import FINGER_IMPULSE
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
@@ -138,7 +138,8 @@ def add(nlp, window, fingers, theta, x, pushes):
     nlp.minimize(
         "finger dissipation", fingers.felt, theta.pick(felt), x[:, step.pose[s]],
         x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
-        step.dt[s], w[felt], kappa, v_eps, rounding(nlp, mu), mu, role="physics",
+        step.dt[s], w[felt], kappa, v_eps, cone_rounding_of(nlp, mu), mu,
+        role="physics",
     )  # fmt: skip
     f, s = push.pick(unfelt), push.step[unfelt]
     nlp.minimize(

@@ -63,28 +63,28 @@ def impulses(nlp, name, w, scale, normal=0.0, frictionless=()):
     )  # fmt: skip
 
 
-def cone(nlp, name, impulses):
+def add_cone(nlp, name, impulses):
     """Keep the impulses of contacts in the cone, and no larger than they need to be."""
     lam, mu, w = impulses.lam, impulses.mu, impulses.w
     if lam.rows > 1:
-        rounding = nlp.parameters["cone rounding"]
-        nlp.subject_to(f"{name} cone", room, lam, mu, w, rounding, lower=0)
-        nlp.report(f"{name} cone{EXACT}", excess, lam, mu, w)
+        r = nlp.parameters["cone rounding"]
+        nlp.subject_to(f"{name} cone", cone_margin, lam, mu, w, r, lower=0)
+        nlp.report(f"{name} cone{EXACT}", cone_violation, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def rounding(nlp, mu):
+def cone_rounding_of(nlp, mu):
     """Return what rounds the cone [weights]: nothing, where mu is known to be zero."""
     slips = mu.name in nlp.parameters and mu.value[0] == 0
     return 0.0 if slips else nlp.parameters["cone rounding"]
 
 
-def room(lam, mu, w, rounding):
+def cone_margin(lam, mu, w, rounding):
     """Return how far inside the friction cone an impulse is, in weights w [N s]."""
     return contact.cone(mu, lam / w, rounding)
 
 
-def excess(lam, mu, w):
+def cone_violation(lam, mu, w):
     """Return by how much an impulse leaves the exact friction cone, in weights."""
     return ca.norm_2(lam[1:3]) / w - mu * lam[0] / w
 

@@ -22,7 +22,7 @@ import casadi as ca
 
 from . import contact
 from .contact import MM
-from .friction import rounding
+from .friction import cone_rounding_of
 from .names import GROUND_GAP, GROUND_IMPULSE
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
@@ -127,7 +127,7 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
     if lam.rows > 1:
         nlp.minimize(
             "ground dissipation", ground.dissipation, theta, *poses(s), lam,
-            corner.signs, step.dt[s], w, kappa, v_eps, rounding(nlp, mu), mu,
+            corner.signs, step.dt[s], w, kappa, v_eps, cone_rounding_of(nlp, mu), mu,
             role="physics",
         )  # fmt: skip
     s, first = lift.step, slice(len(lift.step))

@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from .friction import Impulses, cone, friction, impulses
+from .friction import Impulses, add_cone, friction, impulses
 from .known_trajectory_terms import (
     CONE_ROUNDING,
     Touch,
@@ -137,5 +137,5 @@ def contacts(nlp, window, ground, radius, corner, impulses, fall):
         role="physics",
     )  # fmt: skip
     nlp.parameter("cone rounding", CONE_ROUNDING, "weights")
-    cone(nlp, "ground", impulses)
+    add_cone(nlp, "ground", impulses)
     nlp.report("world impulse", in_world, *ground, lam)

@@ -46,7 +46,7 @@ from .balance import Balance
 from .finger_contact import FingerContact
 from .finger_offset import displaced
 from .finger_turn import turned
-from .friction import Impulses, cone, friction, impulses
+from .friction import Impulses, add_cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
 from .names import FINGER_FRICTION, GROUND_FRICTION
@@ -146,5 +146,5 @@ def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None
     if len(window.unseen):
         finger_contact.unseen(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
-    cone(nlp, "finger", pushes)
-    cone(nlp, "ground", corners)
+    add_cone(nlp, "finger", pushes)
+    add_cone(nlp, "ground", corners)

@@ -116,7 +116,9 @@ def test_problems_do_not_share_functions_that_read_the_window(two):
 
 def test_a_replacement_takes_the_arguments_of_the_term(two):
     page = extend(PAGE, replace={"finger cone": lambda mu, lam, rounding: lam[0]})
-    with pytest.raises(PageError, match=r"room\(lam, mu, w, rounding\)") as refused:
+    with pytest.raises(
+        PageError, match=r"cone_margin\(lam, mu, w, rounding\)"
+    ) as refused:
         problem_of(*two, page)
     assert refused.value.got == "<lambda>(mu, lam, rounding)"
 
