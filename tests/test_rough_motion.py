@@ -35,10 +35,10 @@ def request_of_one_action(recorded):
 
 def predicted(job):
     """Return covariances (6, 6, S) before and after the first sample of a push."""
-    filter, rng = filter_of(job, job.data), np.random.default_rng(0)
-    tracks, _ = proposed_tracks(job, filter, (), rng)
-    t = int(np.flatnonzero(filter.felt.any(axis=1))[0])
-    after, _, moved = predicted_tracks(filter, tracks, t - 1, t, rng)
+    ekf, rng = filter_of(job, job.data), np.random.default_rng(0)
+    tracks, _ = proposed_tracks(job, ekf, (), rng)
+    t = int(np.flatnonzero(ekf.felt.any(axis=1))[0])
+    after, _, moved = predicted_tracks(ekf, tracks, t - 1, t, rng)
     assert moved
     return tracks.P, after.P
 

@@ -33,11 +33,10 @@ from ..search.margins import (
     UNCHANGED,
 )
 from ..search.multistart import levels_of, multistart
+from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import repaired
-
-PROCESS_NOISE_FACTOR = 3.0  # [-] of the tracker's, in a second search
 
 
 def refined(job, kept, solved, start=None, known=()) -> list[Solved]:

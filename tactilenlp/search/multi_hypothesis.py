@@ -192,25 +192,25 @@ def tracked_paths(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
     if complete(kept, job):
         return list(kept)
     data = as_spheres(job.data, job.scene)
-    filter = filter_of(job, kept[0].seen(data) if kept else data)
-    found = _tracked_actions(job, filter, kept, keep, carried=False)
+    ekf = filter_of(job, kept[0].seen(data) if kept else data)
+    found = _tracked_actions(job, ekf, kept, keep, carried=False)
     if found is None:
         log.info("the body was carried between two actions: all are tracked again")
-        past, *found = _tracked_actions(job, filter, kept, keep, carried=True)
+        past, *found = _tracked_actions(job, ekf, kept, keep, carried=True)
         found = (replace(past, name=CARRIED_ON), *found)
     past, tracks, records = found
     return _paths(past, job.data.samples, tracks, records, count)
 
 
-def _tracked_actions(job, filter, kept, keep, carried: bool):
+def _tracked_actions(job, ekf, kept, keep, carried: bool):
     """Return past, tracks and records after all actions.
 
     carried: whether a box may be elsewhere as each action begins.  If not, but that
     explains an action better: None.
     """
     rng = np.random.default_rng(0)
-    tracks, past = proposed_tracks(job, filter, kept, rng)
-    data, done, state = filter.data, past.samples, (tracks.z, tracks.P)
+    tracks, past = proposed_tracks(job, ekf, kept, rng)
+    data, done, state = ekf.data, past.samples, (tracks.z, tracks.P)
     begin = max(done - 1, 0)
     records = [Record(begin, begin, *state, None, *state, None)]
     whole = done, tracks, list(records)
@@ -223,12 +223,12 @@ def _tracked_actions(job, filter, kept, keep, carried: bool):
                 break  # the body stays where it is
             begun, after_gap = None, job.shape.is_box and (i or done)
             if after_gap and carried:
-                *begun, parents = with_carried(filter, tracks, action, rng)
+                *begun, parents = with_carried(ekf, tracks, action, rng)
                 records[-1] = records[-1].selected(parents)
             before = tracks
-            tracks, more = tracked(filter, tracks, rows, rng, begun)
+            tracks, more = tracked(ekf, tracks, rows, rng, begun)
             sought = after_gap and job.may_be_carried and not carried
-            if sought and carried_away(filter, before, tracks, rows):
+            if sought and carried_away(ekf, before, tracks, rows):
                 return None
             records += more
             whole = int(rows[-1]) + 1, tracks, list(records)
@@ -242,14 +242,14 @@ def _tracked_actions(job, filter, kept, keep, carried: bool):
     return past, tracks, records
 
 
-def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
+def proposed_tracks(job, ekf: Filter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
-    fingers, sigma = filter.data.fingers, job.precision.normal
+    fingers, sigma = ekf.data.fingers, job.precision.normal
     if not kept:
-        name, given = "track", (filter.data, job.shape, rng)
+        name, given = "track", (ekf.data, job.shape, rng)
         if job.first:
             (guess,) = job.first
-            name, (z, P) = guess[0], from_guess(guess, filter.geometry, rng)
+            name, (z, P) = guess[0], from_guess(guess, ekf.geometry, rng)
         elif job.shape.is_box:
             z, P = from_first_touch(*given, sigma)
         else:
@@ -261,13 +261,13 @@ def proposed_tracks(job, filter: Filter, kept, rng) -> tuple[Tracks, _Past]:
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
     if job.shape.is_box:
-        z[2] = [body_height(filter.data, job.shape, h, sigma) for h in z[2]]
+        z[2] = [body_height(ekf.data, job.shape, h, sigma) for h in z[2]]
     tracks = started(z, np.stack(P, axis=2), fingers, rng)
     cost = np.array([h.objective for h in kept])
     if np.isfinite(cost).all():  # proposals that nothing was solved for have none
         tracks = replace(tracks, evidence=cost.min() - cost)
     rows = np.repeat(np.arange(len(kept)), -(-POSTERIOR_PARTS // len(kept)))
-    return parts_of(filter, tracks, rows, rng), _Past(tuple(kept), along, rows)
+    return parts_of(ekf, tracks, rows, rng), _Past(tuple(kept), along, rows)
 
 
 def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:

@@ -12,17 +12,11 @@ from functools import cache
 
 import casadi as ca
 
-from formulations.rigid_body import ARM
-
 from .geometry import upright_surface
 from .mapped import MappedFunction, mapped, of_columns
+from .process_noise import ADDED_VARIANCE, PUSH_ERROR, TOUCHED, deviation, way_of
 from .pushing import Move, pushed
 
-PUSH_ERROR = 0.10  # [-] of a predicted motion
-TURN_LENGTH = ca.DM([1.0, 1.0, 1 / ARM])  # [m, rad] of a way [m]
-# [m, m, rad] process noise of a sample
-TOUCHED, RELEASED = ca.DM([1e-4, 1e-4, 5e-3]), ca.DM([5e-5, 5e-5, 2e-3])
-ADDED_VARIANCE = 1e-14  # [m^2, rad^2] added in a prediction
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 USUAL_FINGERS = 2  # that touch at once
 
@@ -54,14 +48,14 @@ def prediction(shape, fingers: int) -> MappedFunction:
 
     def derive():
         slopes = ca.densify(ca.jacobian(motion, z))
-        error = PUSH_ERROR * ca.fmax(_way(motion), 0.5 * _way(before))
-        deviation = given[2] * (TOUCHED + error * TURN_LENGTH)
-        added = ca.vertcat(ca.SX(shape.theta, 1), deviation**2 + ADDED_VARIANCE)
+        way, last = (way_of(ca.norm_2(d[:2]), d[2]) for d in (motion, before))
+        noise = given[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
+        added = ca.vertcat(ca.SX(shape.theta, 1), noise**2 + ADDED_VARIANCE)
         F = ca.SX.eye(z.numel())
         F[-3:, :] += slopes
         after = ca.vertcat(z[:-3], z[-3:] + motion)
-        found = after, _upper(F @ ca.triu2symm(P) @ F.T + ca.diag(added)), motion
-        given_in_order = z, _upper(P), *arguments[1:]
+        found = after, _triangle(F @ ca.triu2symm(P) @ F.T + ca.diag(added)), motion
+        given_in_order = z, _triangle(P), *arguments[1:]
         return [of_columns("prediction", given_in_order, (*found, ca.vec(slopes)))]
 
     whole = ca.Function("pushed", arguments, [motion])
@@ -79,7 +73,7 @@ def corrections(shape) -> tuple[MappedFunction, MappedFunction]:
     (z, p_w, radius), (gap, _, level) = upright_surface(shape)
     x, P, sigma = ca.SX.sym("x", z.numel()), _covariance(shape), ca.SX.sym("sigma", 2)
     felt, across = ca.SX.sym("felt", 3), ca.SX.sym("across", 3, 2)
-    state, finger = (z, x, _upper(P)), (p_w, radius)
+    state, finger = (z, x, _triangle(P)), (p_w, radius)
 
     def derive():
         rows = ca.vertcat(gap / sigma[0], across.T @ level / sigma[1])
@@ -111,7 +105,7 @@ def _corrected(x, P, residuals, slopes, cost):
         P = ca.triu(P - PH @ PH.T / S)
         cost += error**2 / S / 2
         spread += ca.log(S) / 2
-    return x, _upper(P), -ca.fmin(cost, OUTLIER) - spread
+    return x, _triangle(P), -ca.fmin(cost, OUTLIER) - spread
 
 
 def _covariance(shape):
@@ -119,11 +113,6 @@ def _covariance(shape):
     return ca.SX.sym("P", ca.Sparsity.upper(shape.theta + 3))
 
 
-def _upper(P):
-    """Return the upper triangle by rows."""
+def _triangle(P):
+    """Return the upper triangle by rows of a covariance of symbols."""
     return ca.vertcat(*(P[i, j] for i in range(P.size1()) for j in range(i, P.size1())))
-
-
-def _way(motion):
-    """Return the way [m] of a motion (3,)."""
-    return ca.norm_2(motion[:2]) + ARM * ca.fabs(motion[2])

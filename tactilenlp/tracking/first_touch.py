@@ -146,7 +146,7 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     )
 
 
-def carried_away(filter: Filter, before: Tracks, after: Tracks, samples) -> bool:
+def carried_away(ekf: Filter, before: Tracks, after: Tracks, samples) -> bool:
     """Tell whether an action is explained better by a body that was carried.
 
     before, after: the tracks without and with the samples of the action.
@@ -154,12 +154,12 @@ def carried_away(filter: Filter, before: Tracks, after: Tracks, samples) -> bool
     if before.evidence.max() - after.evidence.max() < CARRIED:
         return False
     rng = np.random.default_rng(0)
-    *begun, _ = with_carried(filter, before, filter.data.action[samples[0]], rng)
-    either, _ = tracked(filter, before, samples, rng, begun)
+    *begun, _ = with_carried(ekf, before, ekf.data.action[samples[0]], rng)
+    either, _ = tracked(ekf, before, samples, rng, begun)
     return either.evidence.max() > after.evidence.max() + CARRIED
 
 
-def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
+def with_carried(ekf: Filter, tracks: Tracks, action: int, rng):
     """Return tracks at the first sample of an action, slopes of the motion, parents.
 
     Tracks that stayed, then those that were carried to where the first touch of the
@@ -169,10 +169,10 @@ def with_carried(filter: Filter, tracks: Tracks, action: int, rng):
     n, S = len(tracks.z) - 3, tracks.z.shape[1]
     rows = np.repeat(np.arange(S), PLACES)
     theta, carried = tracks.z[:n, rows], tracks.pick(rows)
-    if filter.felt[filter.data.action == action].any():
+    if ekf.felt[ekf.data.action == action].any():
         swapped = np.arange(len(rows)) % PLACES == 1  # the side y was touched
         a, b = (np.where(swapped, theta[i], theta[1 - i]) for i in (1, 0))
-        pose = places_of(a, b, first_contact(filter.data, [action]), rng)
+        pose = places_of(a, b, first_contact(ekf.data, [action]), rng)
         pose[2] -= np.where(swapped, np.pi / 2, 0.0)
     else:
         away = REACH * np.clip(

@@ -3,10 +3,8 @@
 A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
 quasi-static pushing, with its slopes in the covariance, and corrects them by gaps and
 normals (iterated extended Kalman filter); the innovations add up to the log evidence
-(filter_steps.py).  Process noise is Student's t, a mixture of Gaussians of which each
-track draws a scale: most steps are as predicted, but a body may slip, or snap between
-two fingers.  After an action tracks are selected and split (tracks.py).  What was
-recorded is smoothed backward.
+(filter_steps.py).  Process noise is Student's t (process_noise.py).  After an action
+tracks are selected and split (tracks.py).  What was recorded is smoothed backward.
 """
 
 from __future__ import annotations
@@ -15,50 +13,48 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations.between_actions import GAP
-from formulations.rigid_body import ARM
-
 from ..data.contact_segments import intervals
-from .filter_steps import (
+from .filter_steps import corrections, prediction
+from .process_noise import (
     ADDED_VARIANCE,
+    GAP_FREEDOM,
+    GAP_POSE,
     RELEASED,
-    TURN_LENGTH,
-    corrections,
-    prediction,
+    STEP_FREEDOM,
+    STOP_ERROR,
+    deviation,
+    drawn_scales,
+    way_of,
 )
 from .tracks import Filter, Record, Tracks, split_tracks, surviving
 
-STOP_ERROR = 0.20  # [-] of the motion before, where fingers leave
-GAP_POSE = GAP * np.array([1.0, 1.0, 1 / ARM])[:, None]  # [m, m, rad] between actions
-STEP_FREEDOM, GAP_FREEDOM = 3, 1  # degrees of freedom of Student's t of process noise
-LARGEST_SCALE = 100.0  # [-] of noise: 50 mm between two actions
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 
 
-def tracked(filter: Filter, tracks: Tracks, samples, rng, replaced=None):
+def tracked(ekf: Filter, tracks: Tracks, samples, rng, replaced=None):
     """Return the tracks after the samples of an action, and the records.
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
     replaced: tracks at the first sample and slopes (3, n + 3, S) of how these moved
     since the action before, by default at rest.
     """
-    felt = filter.felt
+    felt = ekf.felt
     records, end = [], samples[-1]
-    for before, t in _steps(filter.data, samples):
-        if filter.deadline.left <= 0:
+    for before, t in _steps(ekf.data, samples):
+        if ekf.deadline.left <= 0:
             break
         if replaced is None:
-            tracks, slopes, moved = predicted_tracks(filter, tracks, before, t, rng)
+            tracks, slopes, moved = predicted_tracks(ekf, tracks, before, t, rng)
         else:
             (tracks, slopes), moved, replaced = replaced, True, None
         predicted, predicted_P = tracks.z, tracks.P
-        tracks, corrected = _corrected(filter, tracks, t)
+        tracks, corrected = _corrected(ekf, tracks, t)
         rows = None
         if felt[: t + 1].any():
             if t == end:
-                tracks, rows = split_tracks(filter, tracks, t == len(felt) - 1, rng)
+                tracks, rows = split_tracks(ekf, tracks, t == len(felt) - 1, rng)
             elif (rows := surviving(tracks)) is not None:
                 tracks = tracks.pick(rows)
         if moved or corrected or rows is not None:
@@ -90,38 +86,37 @@ def _steps(data, samples) -> list[tuple[int, int]]:
     return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))
 
 
-def predicted_tracks(filter, tracks, before, t, rng):
+def predicted_tracks(ekf, tracks, before, t, rng):
     """Return tracks before sample t is seen, slopes of the motion, whether it moved.
 
     before: the sample that was tracked before, negative: none.
     """
-    data, felt = filter.data, filter.felt
+    data, felt = ekf.data, ekf.felt
     if before < 0:
         return tracks, None, False
     if data.action[t] != data.action[before]:
         return between_actions(tracks, rng), None, True
-    active = felt[t] | (felt[before] & data.valid[t]) | filter.hidden[t]
-    way, noise = _way(tracks.motion), _scales(tracks, STEP_FREEDOM, rng)
-    noise *= filter.process_noise
+    active = felt[t] | (felt[before] & data.valid[t]) | ekf.hidden[t]
+    noise = drawn_scales(STEP_FREEDOM, tracks.z.shape[1], rng) * ekf.process_noise
     if not active.any():
+        way = way_of(np.hypot(*tracks.motion[:2]), tracks.motion[2])
         if way.max() < 1e-6:
             return tracks, None, False
-        error = STOP_ERROR * way * np.asarray(TURN_LENGTH)
-        deviation = noise * (np.asarray(RELEASED) + error)
-        if filter.coasts:
+        off = noise * deviation(RELEASED, STOP_ERROR, way)
+        if ekf.coasts:
             moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
-            return _noisier(replace(tracks, z=moved), deviation), None, True
+            return _noisier(replace(tracks, z=moved), off), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
-        return _noisier(tracks, deviation), None, True
-    return *_pushed(filter, tracks, before, t, np.flatnonzero(active), noise), True
+        return _noisier(tracks, off), None, True
+    return *_pushed(ekf, tracks, before, t, np.flatnonzero(active), noise), True
 
 
-def _pushed(filter, tracks, before, t, active, noise):
+def _pushed(ekf, tracks, before, t, active, noise):
     """Return tracks after a push of active fingers, slopes of motion (3, n + 3, S)."""
-    p, radius = filter.data.finger_position, filter.data.finger_radius
+    p, radius = ekf.data.finger_position, ekf.data.finger_radius
     ways = np.concatenate([[*p[before, f], *p[t, f], radius[f]] for f in active])
-    given = np.vstack([*(np.full_like(noise, mu) for mu in filter.friction), noise])
-    z, P, motion, slopes = prediction(filter.geometry.shape, len(active))(
+    given = np.vstack([*(np.full_like(noise, mu) for mu in ekf.friction), noise])
+    z, P, motion, slopes = prediction(ekf.geometry.shape, len(active))(
         tracks.z, _upper(tracks.P), tracks.motion, tracks.press[active], ways, given
     )
     tracks = replace(tracks, z=z, P=_whole(P, len(z)), motion=motion)
@@ -134,35 +129,22 @@ def between_actions(tracks, rng) -> Tracks:
     How the retraction moved them has the density of formulations/between_actions.py.
     """
     resting = replace(tracks, motion=np.zeros_like(tracks.motion))
-    return _noisier(resting, _scales(tracks, GAP_FREEDOM, rng) * GAP_POSE)
-
-
-def _scales(tracks, freedom: int, rng) -> np.ndarray:
-    """Return a scale (S,) of the process noise of each track, drawn anew.
-
-    Gaussians of such scales are Student's t together; of one degree of freedom Cauchy.
-    """
-    scale = np.sqrt(freedom / rng.chisquare(freedom, tracks.z.shape[1]))
-    return np.minimum(scale, LARGEST_SCALE)
+    scale = drawn_scales(GAP_FREEDOM, tracks.z.shape[1], rng)
+    return _noisier(resting, scale * GAP_POSE)
 
 
 def _noisier(tracks, deviation) -> Tracks:
-    """Return tracks with process noise (3, S) on the pose."""
+    """Return tracks with process noise on the pose, of a deviation (3, S)."""
     P = tracks.P.copy()
     for i in range(3):
         P[i - 3, i - 3] += deviation[i] ** 2 + ADDED_VARIANCE
     return replace(tracks, P=P)
 
 
-def _way(motion):
-    """Return the way (S,) [m] of motions (3, S)."""
-    return np.hypot(motion[0], motion[1]) + ARM * np.abs(motion[2])
-
-
-def _corrected(filter, tracks, t):
+def _corrected(ekf, tracks, t):
     """Return tracks corrected by sample t, and whether anything was to correct."""
-    z, longest = tracks.z, filter.geometry.each(*LONGEST_UPDATE)[:, None]
-    fingers = _telling(filter, z, t)
+    z, longest = tracks.z, ekf.geometry.each(*LONGEST_UPDATE)[:, None]
+    fingers = _telling(ekf, z, t)
     for _ in range(PASSES):
         off, P, evidence, told = tracks.z - z, _upper(tracks.P), 0.0, False
         for felt, correct, finger in fingers:
@@ -172,25 +154,25 @@ def _corrected(filter, tracks, t):
         if not told:
             return tracks, False
         with np.errstate(invalid="ignore"):  # slopes too steep to follow
-            z = np.maximum(z + np.clip(off, -longest, longest), filter.low)
+            z = np.maximum(z + np.clip(off, -longest, longest), ekf.low)
     evidence = tracks.evidence + evidence
     evidence[~np.isfinite(evidence)] = -np.inf
     return replace(tracks, z=z, P=_whole(P, len(z)), evidence=evidence), True
 
 
-def _telling(filter, z, t) -> list[tuple]:
+def _telling(ekf, z, t) -> list[tuple]:
     """Return of each finger that may tell something: felt, correction, arguments."""
-    data, geometry, found = filter.data, filter.geometry, []
+    data, geometry, found = ekf.data, ekf.geometry, []
     touch, overlap = corrections(geometry.shape)
-    sigma, reach, height = np.array(filter.noise), geometry.reach(z), None
-    for f in np.flatnonzero(data.valid[t] | filter.hidden[t]):
+    sigma, reach, height = np.array(ekf.noise), geometry.reach(z), None
+    for f in np.flatnonzero(data.valid[t] | ekf.hidden[t]):
         p, radius = data.finger_position[t, f], data.finger_radius[f]
         given = p, np.array([radius])
-        if filter.felt[t, f]:
+        if ekf.felt[t, f]:
             felt = data.normal[t, f]
             across = np.linalg.svd(felt[None])[2][1:]  # two directions
             found.append((True, touch, (*given, felt, across.ravel(), sigma)))
-        elif filter.hidden[t, f] or not data.contact[t, f]:
+        elif ekf.hidden[t, f] or not data.contact[t, f]:
             if (np.abs(z[-3:-1] - p[:2, None]) >= reach + radius).any(axis=0).all():
                 continue
             height = geometry.height(z).max() if height is None else height

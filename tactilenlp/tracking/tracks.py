@@ -77,7 +77,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """What is tracked: data, contacts (T, F), noise, friction, lower bound.
+    """What a filter (`ekf`) reads: data, contacts (T, F), noise, friction, lower bound.
 
     felt: contacts that last; hidden: samples that were missed and may be contacts;
     coasts: whether nothing brakes the body; process_noise: factor of the deviations of
@@ -126,6 +126,7 @@ def started(z, P, fingers: int, rng) -> Tracks:
 
 
 def presses(fingers, S, rng):
+    """Return drawn weights (fingers, S) with which each finger presses on a top."""
     return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
 
 
@@ -135,7 +136,7 @@ def surviving(tracks):
     return rows if len(rows) < 0.8 * tracks.z.shape[1] else None
 
 
-def split_tracks(filter, tracks, final, rng):
+def split_tracks(ekf, tracks, final, rng):
     """Return the best distinct tracks, each with parts of it, and whose parts."""
     order = np.argsort(-tracks.evidence, kind="stable")
     order = order[np.isfinite(tracks.P[..., order]).all(axis=(0, 1))]
@@ -147,7 +148,7 @@ def split_tracks(filter, tracks, final, rng):
         )  # fmt: skip
     tracks = replace(tracks, P=_made_definite(tracks.P, order))
     order = order[tracks.evidence[order] > tracks.evidence[order[0]] - HOPELESS]
-    cells = np.round(tracks.z[:, order] / filter.geometry.each(*CELL)[:, None])
+    cells = np.round(tracks.z[:, order] / ekf.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
     order = order[np.sort(first)]
     chosen = order[diverse(tracks.z[-1, order], KEPT)]
@@ -155,7 +156,7 @@ def split_tracks(filter, tracks, final, rng):
         return tracks.pick(chosen), chosen
     each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
     rows = np.repeat(chosen, each)
-    return parts_of(filter, tracks, rows, rng), rows
+    return parts_of(ekf, tracks, rows, rng), rows
 
 
 def diverse(yaw, count: int) -> np.ndarray:
@@ -190,7 +191,7 @@ def _made_definite(P, rows):
     return P
 
 
-def parts_of(filter, tracks, rows, rng) -> Tracks:
+def parts_of(ekf, tracks, rows, rng) -> Tracks:
     """Return tracks split: the rows, each repeated as often as it has parts, in order.
 
     The first part stays; the others are off by a random deviation and narrower.
@@ -199,7 +200,7 @@ def parts_of(filter, tracks, rows, rng) -> Tracks:
     parts = tracks.pick(rows)
     L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(len(parts.P)))
     off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), len(parts.P))))
-    z = np.maximum(parts.z + SPREAD * part * off, filter.low)
+    z = np.maximum(parts.z + SPREAD * part * off, ekf.low)
     P = parts.P * np.where(part, SHRUNK, 1.0)
     press = presses(len(parts.press), len(rows), rng)
     return replace(parts, z=z, P=P, press=press)
