@@ -9,14 +9,15 @@ from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
 SENSORS = Precision(position=0.0, normal=0.0)
 
 
 def programme(page, data, scene, choice=None, finger=None):
     """Return the problem and the window that a page makes of data."""
-    window = reduce(data, scene, CUBOID, SENSORS, choice or Reductions())
+    choice = required_reductions(page, choice or Reductions())
+    window = reduce(data, scene, CUBOID, SENSORS, choice)
     if finger is not None:
         window = replace(window, **finger(window))
     problem = Problem()
@@ -43,6 +44,8 @@ def true_values(problem, window, truth, rng=None):
     return values
 
 
-def cost(problem, values):
+def sums(problem, values):
+    """Return the sum of each cost, and of the squares of each constraint's rows."""
     x, data = problem.pack(values), problem.data()
-    return {name: problem.value(name, x, data).sum() for name in problem.costs}
+    power = {name: 1 if name in problem.costs else 2 for name in problem.terms}
+    return {n: (problem.value(n, x, data) ** p).sum() for n, p in power.items()}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from programmes import cost, programme, true_values
+from programmes import programme, sums, true_values
 from scipy.integrate import trapezoid
 
 from formulations import between_actions, quasi_static, violation_implicit
@@ -24,7 +24,7 @@ def test_what_an_object_may_do_between_actions_is_a_density(touched):
     for way in r:  # [m] of x, y and a turn: spheres of 4 pi r^2
         x = values["x"].copy()
         x[0, link:] += way - (x[0, link] - x[0, window.gap.before[0]])
-        price.append(cost(problem, values | {"x": x})["between actions"])
+        price.append(sums(problem, values | {"x": x})["between actions"])
     mass = 4 * np.pi * np.exp(-np.array(price) + price[0]) * r**2
     near = r < 0.1
     assert trapezoid(mass[near], r[near]) > 0.98 * trapezoid(mass, r)
@@ -47,7 +47,7 @@ def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it
         moved[:, early] = moved[:, last] - [speed * gap.dt[0], 0, 0]
         moved[:, place] = moved[:, last] + [jump, 0, 0]
         values = {"theta": truth["side_lengths"], "x": moved}
-        return cost(problem, values)["between actions"]
+        return sums(problem, values)["between actions"]
 
     width = np.hypot(between_actions.GAP, coast)
     widened = 3 * np.log(width / between_actions.GAP)

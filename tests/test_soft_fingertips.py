@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from programmes import cost, programme, true_values
+from programmes import programme, sums, true_values
 
 from formulations import violation_implicit
 from formulations.centre_of_mass import NAME as CENTRE
@@ -79,7 +79,7 @@ def test_no_compliance_costs_what_rigid_fingertips_cost(touched):
         problem, window = programme(violation_implicit, data, scene, choice)
         values = true_values(problem, window, truth, np.random.default_rng(3))
         none = {NAME: 0.0} if NAME in problem.variables else {}
-        costs.append(cost(problem, values | none))
+        costs.append(sums(problem, values | none))
     assert costs[0].pop("compliance prior") == 0.0
     assert costs[0].pop("push prior") > 0.0  # of the impulses alone
     assert costs[0] == pytest.approx(costs[1], rel=1e-12)
