@@ -3,14 +3,19 @@
 from dataclasses import replace
 
 import numpy as np
+from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
 
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
+from tactilenlp.data.measurements import Measurements
+from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
+from tactilenlp.geometry.convex_hull import filled
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 
+OCTAHEDRON = RECORDINGS / "polytope.npz"
 SENSORS = Precision(position=0.0, normal=0.0)
 
 
@@ -42,6 +47,23 @@ def true_values(problem, window, truth, rng=None):
             share = 0.1 * rng.normal(size=(2, v.columns))
             values[name] = np.vstack([force[:1], share * force[:1]])
     return values
+
+
+def slid_octahedron():
+    """Return two actions of the octahedron, its vertices and planar poses as true.
+
+    The body's axes are the world's at the last sample, its origin on the ground.
+    """
+    data = Measurements.load(OCTAHEDRON).select(range(2))
+    with np.load(OCTAHEDRON) as file:
+        last = data.samples - 1
+        p, q = file["object_position"][: last + 1], file["object_quaternion"]
+        R = Rotation.from_quat(np.roll(q[: last + 1], -1, axis=1))
+        vertices = R[-1].apply(file["vertices"])
+    vertices[:, 2] -= vertices[:, 2].min()
+    yaw = (R * R[-1].inv()).as_rotvec()[:, 2]
+    x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
+    return data, Scene.load(OCTAHEDRON), filled(vertices, 8), x
 
 
 def sums(problem, values):

@@ -3,18 +3,16 @@
 import itertools
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from programmes import programme, sums, true_values
 from scipy.spatial.transform import Rotation
 from solid import RHO
 
-from formulations import sensing, violation_implicit
+from formulations import violation_implicit
 from formulations.finger import capsule
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
-from formulations.size_prior import size_cost
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.scene import Scene
 from tactilenlp.problem.pages import FORMULATIONS, page_of
@@ -73,7 +71,7 @@ def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(
     rng = np.random.default_rng(8)
     values = true_values(problem, window, truth, rng)
     # At rest without a ground the balance is flat: differences are rounding.  On the
-    # ground the curvature of the printed min(0, phi)^2 jumps: none is that of differences.
+    # ground the curvature of the printed min(0, phi)^2 jumps, which differences miss.
     if case == "no ground" or (page, case) == ("paper", "free"):
         x = problem.variables["x"]
         values["x"] += x.scale[:, None] * rng.normal(size=(x.rows, x.columns))
@@ -185,6 +183,7 @@ def test_where_the_object_slides_the_impulses_are_those_of_the_simulator(recorde
     assert error.max() < 0.8
 
 
+HARD = "complementarity", "multiple_shooting", "shooting"  # physics as constraints
 SIDES, POSE = np.array([0.04, 0.06, 0.05]), np.array([0.01, -0.02, 0.3])
 
 
@@ -227,8 +226,9 @@ def with_capsules(window):
         ("quasi_static", None),
         ("quasi_static", with_capsules),
         ("violation_implicit", None),
+        *(pytest.param(page, None, marks=pytest.mark.slow) for page in HARD),
     ],
-    ids=["quasi_static", "quasi_static with capsules", "violation_implicit"],
+    ids=["quasi_static", "quasi_static with capsules", "violation_implicit", *HARD],
 )
 def test_a_cuboid_touched_on_both_faces_has_the_sides_between_them(
     page, finger, interpreted
@@ -249,9 +249,10 @@ def test_a_cuboid_touched_on_both_faces_has_the_sides_between_them(
     # away; gaps are rounded by a few micrometres.
     np.testing.assert_allclose(solution.values["theta"][:, 0], SIDES, atol=0.02e-3)
     x = solution.values["x"]
-    np.testing.assert_allclose(
-        x[:2], np.tile(POSE[:2, None], window.poses), atol=0.02e-3
-    )
+    # Along a face that nobody touches, relaxed dissipation lets a corner that carries a
+    # quarter of the weight creep by sqrt(2 V_EPS dt EPS / (mu / 4)) = 0.05 mm a step.
+    off = 8 * 0.05e-3 if page == "complementarity" else 0.02e-3
+    np.testing.assert_allclose(x[:2], np.tile(POSE[:2, None], window.poses), atol=off)
     np.testing.assert_allclose(x[2], POSE[2], atol=1e-3)
     if page == "violation_implicit":
         assert_at_rest(problem, window, solution, scene)
@@ -274,26 +275,3 @@ def raised(data):
     p = data.finger_position.copy()
     p[data.normal[..., 2] > 0.5] += [0, 0, 0.005]
     return replace(data, finger_position=p)
-
-
-def test_a_size_ten_deviations_off_is_rare_but_not_impossible():
-    z = ca.SX.sym("z")
-    cost = sensing.heavy_tailed(z**2)
-    curve = ca.Function("curve", [z], [cost, ca.hessian(cost, z)[0]])
-    assert [float(v) for v in curve(0)] == pytest.approx([0, 1])
-    assert float(curve(0.5)[0]) == pytest.approx(0.5**2 / 2, rel=0.05)
-    assert float(curve(10)[0]) < 7  # nats, where a Gaussian asks for 50
-    assert float(curve(-10)[0]) == pytest.approx(float(curve(10)[0]))
-
-
-def test_where_some_sizes_are_far_from_the_mean_the_others_may_be():
-    """Two sides of 125 mm: the price of a third one of 165 mm falls."""
-    mean, deviation = CUBOID.size_prior
-
-    def price(known):
-        cost = [size_cost(CUBOID, mean + deviation * ca.DM([known, known, z]))
-                for z in (0, 6)]  # fmt: skip
-        return float(cost[1] - cost[0])
-
-    assert price(0) == pytest.approx(3 * np.log(7))
-    assert price(4) == pytest.approx(3 * np.log((1 + 68 / 6) / (1 + 32 / 6)))

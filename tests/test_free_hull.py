@@ -5,14 +5,13 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from conftest import RECORDINGS
+from programmes import slid_octahedron
 from scipy.spatial.transform import Rotation
 
 from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from formulations.rigid_body import rotation
-from tactilenlp import Measurements, Options, Scene
-from tactilenlp.geometry.convex_hull import filled
+from tactilenlp import Options
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.geometry.transforms import (
     backward,
@@ -25,7 +24,6 @@ from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import LIFTED, window_of
 
-OCTAHEDRON = RECORDINGS / "polytope.npz"
 SHAPE = polytope(8)
 # Edges are rounded over 0.03 mm, a thirtieth of the scale of which differences take
 # steps: their own error; a wrong derivative is off by its size.
@@ -37,20 +35,7 @@ pytestmark = pytest.mark.usefixtures("not_compiled")
 
 @pytest.fixture(scope="module")
 def slid():
-    """The first two actions of the octahedron, its vertices and planar poses as true.
-
-    The body's axes are the world's at the last sample, its origin on the ground.
-    """
-    data = Measurements.load(OCTAHEDRON).select(range(2))
-    with np.load(OCTAHEDRON) as file:
-        last = data.samples - 1
-        p, q = file["object_position"][: last + 1], file["object_quaternion"]
-        R = Rotation.from_quat(np.roll(q[: last + 1], -1, axis=1))
-        vertices = R[-1].apply(file["vertices"])
-    vertices[:, 2] -= vertices[:, 2].min()
-    yaw = (R * R[-1].inv()).as_rotvec()[:, 2]
-    x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
-    return data, Scene.load(OCTAHEDRON), filled(vertices, 8), x
+    return slid_octahedron()
 
 
 def posed(data, scene, vertices, x, reduce=("planar",)):

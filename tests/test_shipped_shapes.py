@@ -9,10 +9,12 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from formulations import sensing
 from formulations.finger import SPHERE
 from formulations.ground_contact import GroundContact
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
+from formulations.size_prior import size_cost
 from tactilenlp import CYLINDER, ELLIPSOID, log_size_prior, prism
 from tactilenlp.errors import OptionError
 from tactilenlp.tracking.surface import body_surface
@@ -226,3 +228,26 @@ def test_the_prior_of_sizes_integrates_to_one(shape):
     far = [mean + 5 * deviation, *[mean] * (n - 1)]
     odds = log_size_prior(shape, [mean] * n) - log_size_prior(shape, far)
     assert odds == pytest.approx((3 + n) / 2 * np.log(1 + 25 / (3 + n)))
+
+
+def test_a_size_ten_deviations_off_is_rare_but_not_impossible():
+    z = ca.SX.sym("z")
+    cost = sensing.heavy_tailed(z**2)
+    curve = ca.Function("curve", [z], [cost, ca.hessian(cost, z)[0]])
+    assert [float(v) for v in curve(0)] == pytest.approx([0, 1])
+    assert float(curve(0.5)[0]) == pytest.approx(0.5**2 / 2, rel=0.05)
+    assert float(curve(10)[0]) < 7  # nats, where a Gaussian asks for 50
+    assert float(curve(-10)[0]) == pytest.approx(float(curve(10)[0]))
+
+
+def test_where_some_sizes_are_far_from_the_mean_the_others_may_be():
+    """Two sides of 125 mm: the price of a third one of 165 mm falls."""
+    mean, deviation = CUBOID.size_prior
+
+    def price(known):
+        cost = [size_cost(CUBOID, mean + deviation * ca.DM([known, known, z]))
+                for z in (0, 6)]  # fmt: skip
+        return float(cost[1] - cost[0])
+
+    assert price(0) == pytest.approx(3 * np.log(7))
+    assert price(4) == pytest.approx(3 * np.log((1 + 68 / 6) / (1 + 32 / 6)))
