@@ -1,4 +1,4 @@
-"""Extend the default page: a cube prior, an eight-sided cone, drag; compare sides.
+"""Extend the default page: by a cube prior, by an eight-sided cone; compare sides.
 
 python examples/09_add_a_term.py [picture.png]
 """
@@ -9,11 +9,10 @@ import casadi as ca
 import numpy as np
 from matplotlib.figure import Figure
 
-from formulations.balance import Balance
 from tactilenlp import Measurements, Scene, example_recording, extend, solve_estimate
 
 PAGE, SIGMA = "violation_implicit", 1e-3  # [m] of the sides of a cube
-DRAG, ANGLES = 20, np.arange(8) * np.pi / 4  # [N s/m] of a film; faces of the cone
+ANGLES = np.arange(8) * np.pi / 4  # of the faces of the cone
 
 
 def cube(nlp, window, scene, shape):
@@ -22,14 +21,8 @@ def cube(nlp, window, scene, shape):
 
 
 def eight_sided(lam, mu, w, rounding):
-    room = np.cos(np.pi / 8) * mu * lam[0] + rounding * w
-    return (room - np.cos(ANGLES) * lam[1] - np.sin(ANGLES) * lam[2]) / w
-
-
-class Viscous(Balance):  # the body loses the impulse DRAG v dt to the film
-    def unbalanced(self, theta, x, x_1, *more):
-        force, moment = super().unbalanced(theta, x, x_1, *more)
-        return force + DRAG * ca.vertcat(x[:2] - x_1[:2], 0), moment
+    most = np.cos(np.pi / 8) * mu * lam[0] + rounding * w
+    return (most - np.cos(ANGLES) * lam[1] - np.sin(ANGLES) * lam[2]) / w
 
 
 picture = sys.argv[1] if sys.argv[1:] else "terms.png"
@@ -37,7 +30,6 @@ data, scene = Measurements.load(file := example_recording()), Scene.load(file)
 cones = dict.fromkeys(("finger cone", "ground cone"), eight_sided)
 pages = {"default": PAGE, "cube prior": extend(PAGE, cube)}
 pages |= {"eight-sided cone": extend(PAGE, replace=cones)}
-pages |= {"viscous drag": extend(PAGE, law=Viscous)}
 left, right = (figure := Figure((10, 4), layout="constrained")).subplots(1, 2)
 for i, (name, page) in enumerate(pages.items()):
     print(f"{name} ...", flush=True)
@@ -46,7 +38,7 @@ for i, (name, page) in enumerate(pages.items()):
     print(f"  {1e3 * sides} mm, {found.objective:.2f} nats, {found.status}")
     if page == PAGE:  # compare touched sides with the truth, which no page reads
         off = 1e3 * np.abs(sides - np.load(file)["side_lengths"])[1:].max()
-    places = np.arange(3) + 0.15 * (i - 1.5)
+    places = np.arange(3) + 0.15 * (i - 1)
     left.errorbar(places, 1e3 * sides, 1e3 * sigma, fmt="o", label=name)
     right.bar(name.replace(" ", "\n"), found.objective, color=f"C{i}")
 left.set_xticks(range(3), ["side x", "side y", "side z"])
