@@ -82,7 +82,9 @@ class Replay(AbstractContextManager):
         begin, first, count = self.clock.now(), None, 0
         for time, send in heapq.merge(*self._events, key=itemgetter(0)):
             first = time if first is None else first
-            self.clock.sleep(begin + (time - first) / speed - self.clock.now())
+            due = begin + (time - first) / speed
+            if (wait := due - self.clock.now()) > 0:
+                self.clock.sleep(wait)
             send()
             count += 1
         return count

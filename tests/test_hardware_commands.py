@@ -4,10 +4,11 @@ import importlib
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import can
 import pytest
-from bench import terminal
+from bench import ManualClock, terminal
 from bench_tape import numbers, taped
 from conftest import ROOT
 
@@ -115,6 +116,27 @@ def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
         os.close(port)
         with pytest.raises(HardwareError, match="no speed"):
             replay.run(speed=0)
+
+
+def test_a_frame_that_is_late_is_not_slept_for():
+    rig, slept = simulated_rig("optoforce_can"), []
+
+    class Late(ManualClock):
+        def sleep(self, duration):
+            slept.append(duration)
+            self.time += duration + 1.0
+
+    def messages(stream):
+        times = (0.0, 1.0, 1.0, 1.5, 3.0) if stream == "finger_0_board_0" else ()
+        return [encode(Pair(Quantity.POSITION, (0.0, 0.0)), t) for t in times]
+
+    def config(number):
+        return {"interface": "virtual", "channel": f"late {number}"}
+
+    recording = SimpleNamespace(rig=rig, messages=messages)
+    with Replay(recording, config, Late(0.0)) as replay:
+        assert replay.run() == 5
+    assert slept == [1.0, 1.0]
 
 
 def test_without_pseudo_terminals_only_serial_bytes_are_not_sent(tmp_path, monkeypatch):
