@@ -114,8 +114,11 @@ class Reader(Inbox):
     def _run(self) -> None:
         try:
             while not self._leave.is_set():
-                self._why = self._until_lost()
-                log.info("%s: %s", self.name, self._why)
+                why = self._until_lost()
+                if self._leave.is_set():
+                    return
+                self._why = why
+                log.info("%s: %s; again in %.2f s", self.name, why, self._wait)
                 self._leave.wait(self._wait)
                 self._wait = min(2 * self._wait, LONGEST_WAIT)
         except HardwareError as bad:  # the sink: a full disk, for instance

@@ -106,6 +106,14 @@ def test_a_port_that_is_not_there_is_said_with_the_reason():
             sensor.check()
 
 
+def test_the_end_of_reading_is_no_fault(terminal, caplog):
+    caplog.set_level("INFO", "hardware.reader")
+    with SerialTactile(terminal.name, OptoForceFramer()) as sensor:
+        wait_for(lambda: sensor.opened)
+    assert caplog.messages == []
+    assert "closed" not in str(refused(sensor.check, since=time.monotonic())[0])
+
+
 @pytest.mark.parametrize("name", [None, "pci-0000:00:14.0-usb-0:1:1.0"])
 def test_a_port_is_read_by_one_only(terminal, tmp_path, name):
     port = terminal.name
