@@ -95,6 +95,7 @@ class Reader(Inbox):
     def __enter__(self):
         super().__enter__()
         self._leave.clear()
+        self._wait = FIRST_WAIT
         self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
         self._thread.start()
         return self

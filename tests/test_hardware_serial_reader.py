@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 import time
 
 import can
@@ -104,6 +105,21 @@ def test_a_port_that_is_not_there_is_said_with_the_reason():
         time.sleep(0.15)
         with pytest.raises(StaleStreamError, match="No such file"):
             sensor.check()
+
+
+def waits(caplog):
+    """How long [s] a lost device was left alone, by what was logged."""
+    return [re.search(r"again in (.+) s", said)[1] for said in caplog.messages]
+
+
+def test_a_port_is_tried_less_and_less_often_from_each_start(caplog):
+    caplog.set_level("INFO", "hardware.reader")
+    sensor = SerialTactile("/dev/nowhere", OptoForceFramer())
+    for _ in range(2):
+        caplog.clear()
+        with sensor:
+            wait_for(lambda: len(caplog.messages) > 2)
+        assert waits(caplog)[:3] == ["0.05", "0.10", "0.20"]
 
 
 def test_the_end_of_reading_is_no_fault(terminal, caplog):
