@@ -54,9 +54,10 @@ class SerialTactile(Reader):
         try:
             with serial.serial_for_url(self.url, **options) as port:
                 self.framer.reset()
-                self.opened, self._wait = self.opened + 1, FIRST_WAIT
+                self.opened += 1
                 if self.configure:
                     port.write(self.configure)
+                self._wait = FIRST_WAIT
                 self._read(port)
         except LOST as bad:
             return f"{type(bad).__name__}: {bad}"

@@ -4,6 +4,8 @@ import itertools
 import os
 import re
 import time
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -120,6 +122,21 @@ def test_a_port_is_tried_less_and_less_often_from_each_start(caplog):
         with sensor:
             wait_for(lambda: len(caplog.messages) > 2)
         assert waits(caplog)[:3] == ["0.05", "0.10", "0.20"]
+
+
+def test_a_port_that_opens_but_refuses_is_tried_less_and_less_often(
+    caplog, monkeypatch
+):
+    def refuse(data):
+        raise serial.SerialException("it takes no bytes")
+
+    port = nullcontext(SimpleNamespace(write=refuse))
+    monkeypatch.setattr(serial, "serial_for_url", lambda url, **options: port)
+    caplog.set_level("INFO", "hardware.reader")
+    with SerialTactile("ttyACM0", OptoForceFramer(), configure=b"fast") as sensor:
+        wait_for(lambda: len(caplog.messages) > 2)
+    assert waits(caplog)[:3] == ["0.05", "0.10", "0.20"]
+    assert sensor.opened > 2
 
 
 def test_the_end_of_reading_is_no_fault(terminal, caplog):
