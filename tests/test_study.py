@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -210,6 +211,15 @@ def test_a_running_cluster_is_sent_all_scripts_before_it_imports_any(
     with study.executor_of(where) as pool:
         assert pool == "pool"
     assert sent == {script.name: False for script in BENCHMARKS.glob("*.py")}
+
+
+def test_a_wrong_commit_is_told_with_what_git_says(study, monkeypatch, capfd):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # as the script sets it
+    import regress
+
+    with pytest.raises(subprocess.CalledProcessError):
+        regress.tree_of("no-such-commit").__enter__()
+    assert capfd.readouterr().err.strip()
 
 
 def test_every_study_takes_an_executor():

@@ -130,8 +130,8 @@ def tree_of(against: str):
         return
     with tempfile.TemporaryDirectory() as folder:
         git = ["git", "-C", str(ROOT), "worktree"]
-        add = [*git, "add", "--detach", folder, against]
-        subprocess.run(add, check=True, capture_output=True)
+        add = [*git, "add", "--quiet", "--detach", folder, against]
+        subprocess.run(add, check=True)  # git says what is wrong with a commit
         try:
             yield Path(folder)
         finally:
