@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -191,17 +192,26 @@ def test_trials_have_one_thread_wherever_they_run(study, monkeypatch):
         assert set(found) == {1}
 
 
-def test_a_running_cluster_is_sent_all_scripts_before_it_imports_any(
+def test_a_running_cluster_imports_all_scripts_anew_once_all_are_there(
     study, monkeypatch
 ):
-    sent = {}
+    scripts, sent, ran = {p.stem for p in BENCHMARKS.glob("*.py")}, {}, []
 
     class Client(nullcontext):
         def __init__(self, address):
             self.enter_result = self
 
         def upload_file(self, file, load=True):
-            sent[Path(file).name] = load
+            sent[Path(file).stem] = load
+
+        def run(self, function):
+            assert sent.keys() == scripts
+            with patch.dict(sys.modules, dict.fromkeys(scripts)):  # as after a study
+                function()
+                ran.append((function.__name__, scripts & sys.modules.keys()))
+
+        def run_on_scheduler(self, function):
+            self.run(function)
 
         def get_executor(self, pure):
             return "pool"
@@ -210,7 +220,8 @@ def test_a_running_cluster_is_sent_all_scripts_before_it_imports_any(
     where = SimpleNamespace(executor="dask", workers=None, address="tcp://there:8786")
     with study.executor_of(where) as pool:
         assert pool == "pool"
-    assert sent == {script.name: False for script in BENCHMARKS.glob("*.py")}
+        assert sent == dict.fromkeys(scripts, False)
+    assert ran == [("drop", set()), ("drop", set()), ("one_thread", scripts)]
 
 
 def test_a_wrong_commit_is_told_with_what_git_says(study, monkeypatch, capfd):

@@ -9,9 +9,11 @@ line, as after a power failure, is dropped and its trial is run again:
 """
 
 import csv
+import importlib
 import io
 import json
 import os
+import sys
 from argparse import ArgumentParser
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -217,8 +219,7 @@ def one_thread() -> None:
 def executor_of(arguments):
     """Give where trials run: None for here, the cores, a Dask cluster, or MPI.
 
-    A cluster that runs already is sent all scripts beside this one: a script of any
-    name may import any other, so they are imported only once all are there.
+    A cluster that runs already is sent all scripts beside this one.
     """
     one_thread()
     workers = arguments.workers or os.cpu_count()
@@ -238,6 +239,27 @@ def executor_of(arguments):
         at = {"n_workers": workers, "threads_per_worker": 1}  # a cluster of our own
         at = {"address": arguments.address} if arguments.address else at
         with Client(**at) as client:
-            for file in Path(__file__).parent.glob("*.py") if arguments.address else ():
-                client.upload_file(str(file), load=False)
+            if arguments.address:
+                _send_scripts(client)
             yield client.get_executor(pure=False)
+
+
+def _send_scripts(client) -> None:
+    """Send all scripts beside this one to a running cluster, which imports them anew.
+
+    A script of any name may import any other, so they are imported only once all are
+    there.
+    """
+    files = [*Path(__file__).parent.glob("*.py")]
+    for file in files:
+        client.upload_file(str(file), load=False)
+    names = [file.stem for file in files]
+
+    def drop() -> None:  # sent by value: a worker may have an older script of this name
+        for name in names:
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+
+    client.run_on_scheduler(drop)  # which unpickles the functions as well
+    client.run(drop)
+    client.run(one_thread)
