@@ -43,9 +43,7 @@ def check_ranges(
     error: type[HardwareError] = LimitError,
 ) -> None:
     """Raise an error unless values are so many finite numbers from low to high."""
-    many = isinstance(values, np.ndarray) and values.ndim > 0
-    many = many or isinstance(values, tuple | list)
-    given = list(values) if many else []
+    given = _entries(values)
     if len(given) != count:
         expected = f"({count},) {unit}"
         raise error("wrong shape", where=where, got=_short(values), expected=expected)
@@ -110,12 +108,19 @@ def check_kind(
 
 def rotation(where: str, value: object, error: type[HardwareError]) -> np.ndarray:
     """Return a rotation matrix (3, 3), or raise an error."""
+    for k, row in enumerate(_entries(value)):
+        check_ranges(f"{where}[{k}]", row, 3, -1.0, 1.0, "", error)
     R = floats(where, value, (3, 3), error)
-    good = (abs(R) <= 1).all() and abs(R @ R.T - np.eye(3)).max() <= TURN_ERROR
-    if not (good and np.linalg.det(R) > 0):
+    if not (abs(R @ R.T - np.eye(3)).max() <= TURN_ERROR and np.linalg.det(R) > 0):
         expected = "R R' = 1, det R = 1"
         raise error("no rotation", where=where, got=_short(value), expected=expected)
     return R
+
+
+def _entries(values: object) -> list:
+    """Return the entries of a tuple, a list or an array; none of anything else."""
+    many = isinstance(values, tuple | list | np.ndarray)
+    return list(values) if many and getattr(values, "ndim", 1) else []
 
 
 def _short(value: object) -> str:

@@ -14,7 +14,7 @@ from hardware.impedance import Gains, Limits
 from hardware.kinematics import finger
 from hardware.motor_can import Reference
 from hardware.motor_joints import JointMap, start_motors
-from hardware.ranges import check_ranges
+from hardware.ranges import check_ranges, rotation
 from hardware.rig import Tactile
 from hardware.simulated_robot import simulated_rig
 from hardware.world import RobotWorld
@@ -172,6 +172,18 @@ def test_commands_are_in_range_though_someone_else_s_path_is_not():
                 board.listen(setup.robot.now())
                 said = [c.values for c in board.received if isinstance(c, Reference)]
                 assert np.isfinite(said).all()
+
+
+@pytest.mark.parametrize("wrong", [*NO_NUMBERS, False, 1.1])
+def test_a_wrong_entry_of_a_rotation_is_named(wrong):
+    with pytest.raises(RigError, match=r"mount\[0\]\[1\]: out of range"):
+        rotation("mount", [[1.0, wrong, 0.0], [0, 1, 0], [0, 0, 1]], RigError)
+
+
+@pytest.mark.parametrize("wrong", [None, 1.0, np.array(1.0), [], -np.eye(3)])
+def test_what_is_no_rotation_is_refused(wrong):
+    with pytest.raises(RigError, match="mount: no "):
+        rotation("mount", wrong, RigError)
 
 
 def test_a_single_number_in_an_array_is_no_pair():
