@@ -27,6 +27,7 @@ from .motor_can import (
 )
 
 STATUS_PERIOD = 1.0  # [s] of the firmware
+STREAMS = {Command[f"SEND_{one.name}"]: one for one in Quantity}
 RECEIVED = 20_000  # commands that are kept at least: 80 s of them
 MOTORS = {Command.ENABLE_MOTOR_1: 0, Command.ENABLE_MOTOR_2: 1}
 
@@ -155,6 +156,9 @@ class SimulatedBoard:
                 self._timeout = value / 1000
             case Order(Command.SEND_ALL, value):
                 self.sending = set(self.streams) if value else set()
+            case Order(command, value) if command in STREAMS:
+                change = self.sending.add if value else self.sending.discard
+                change(STREAMS[command])
 
     def _enable(self, motor: int, on: bool) -> None:
         self._enabled[motor] = on and self.system_enabled

@@ -6,15 +6,17 @@ import can
 import numpy as np
 import pytest
 from bench import wait_for
-from bench_board import Wired, channels
+from bench_board import Wired, channels, driven
 
 from hardware.errors import BoardError, BusError, StaleStreamError
 from hardware.motor_board import MotorBoard
 from hardware.motor_can import (
+    Command,
     EncoderIndex,
     Pair,
     Quantity,
     encode,
+    encode_command,
 )
 from hardware.simulated_board import SimulatedBoard
 
@@ -87,6 +89,16 @@ def test_broken_and_foreign_frames_are_counted_and_nothing_else():
             )
         assert (wired.board.broken, wired.board.foreign) == (2, 2)
         wired.board.check()
+
+
+@pytest.mark.parametrize("quantity", Quantity)
+def test_one_stream_of_a_simulated_board_is_switched_on_and_off(quantity):
+    with driven() as wired:
+        for value, sending in ((1, {quantity}), (0, set())):
+            command = Command[f"SEND_{quantity.name}"]
+            wired.board.bus.send(encode_command(command, value))
+            wired.firmware.listen(wired.clock.now())
+            assert wired.firmware.sending == sending
 
 
 def test_the_encoder_index_is_kept():
