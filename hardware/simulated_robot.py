@@ -161,7 +161,7 @@ class SimulatedRobot:
             return tactile.reader(name, sink, clock)
         named = {f"{one.rig.name}, tactile": one for one in self.fingers}
         skin = named[name].skin
-        skin.name, skin.sink, skin.clock = name, sink, clock
+        skin.name, skin.sink, skin.clock = name, sink, self
         return skin
 
     def _step(self) -> None:

@@ -17,6 +17,7 @@ from hardware.errors import (
 )
 from hardware.optical import LEAST, Lens, OpticalTouch
 from hardware.optical_flow import Flow, grey, normalised
+from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.simulated_skin import SimulatedSkin
 
 SHAPE = (240, 320)  # [px]
@@ -204,3 +205,13 @@ def test_without_opencv_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(HardwareError, match=r"tactilenlp\[optical\]"):
         Flow(np.zeros((20, 20), np.uint8))
+
+
+def test_the_clock_of_a_simulated_camera_is_its_robot():
+    rig = simulated_rig("densetact", "camera alone")
+    robot = SimulatedRobot(rig)
+    camera = robot.reader(rig.fingers[0].tactile, "finger 0, tactile", None, None)
+    with robot, camera:
+        robot.sleep(0.2)
+        camera.check()
+        assert len(camera.take()) > 5
