@@ -26,6 +26,7 @@ from enum import Enum, IntEnum
 from itertools import chain
 
 import can
+import numpy as np
 
 from tactilenlp.common.validation import as_number
 from tactilenlp.errors import shortened
@@ -147,6 +148,9 @@ def encode(content: Content, timestamp: float = 0.0) -> can.Message:
     """Return the frame of this content, stamped [s]; the inverse of `decode`."""
     match content:
         case Order(command, value):
+            truth = isinstance(value, bool | np.bool_)
+            if truth or as_number(value).is_integer():
+                value = int(value)
             check_whole("value (int32)", value, LOWEST, HIGHEST, FrameError)
             identifier, data = COMMAND, WORDS.pack(value, command)
         case Reference(values):

@@ -90,9 +90,18 @@ def test_what_is_no_number_is_never_sent(value):
         codec.encode_current(0.0, value)
 
 
-def test_a_command_value_must_fit_its_word():
+@pytest.mark.parametrize("value", [1, 1.0, True, np.True_, np.int64(1), np.float64(1)])
+def test_a_command_value_is_one_whole_number_or_a_boolean(value):
+    message = codec.encode_command(Command.ENABLE_SYSTEM, value)
+    assert written(message) == "000#0000000100000001"
+
+
+@pytest.mark.parametrize(
+    "value", [1 << 31, -1e10, 0.5, np.nan, np.inf, "1", None, [1], 10**400]
+)
+def test_a_command_value_must_fit_its_word(value):
     with pytest.raises(FrameError, match="int32"):
-        codec.encode_command(Command.RECEIVE_TIMEOUT, 1 << 31)
+        codec.encode_command(Command.RECEIVE_TIMEOUT, value)
 
 
 @pytest.mark.parametrize("error_class", [0x10, 0x20, 0x30, 0x40, 0x60, 0x100])
