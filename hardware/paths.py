@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from tactilenlp.common.validation import as_floats
+from tactilenlp.common.validation import as_array, as_floats
 
 from .errors import LimitError
 from .kinematics import FAR, Finger
@@ -22,8 +22,8 @@ def checked_trajectory(
     longest: [s] that it may last.  Raises LimitError unless all numbers are finite, in
     range and of these shapes.
     """
-    time = as_floats(getattr(trajectory, "time", None))
-    p_wf = as_floats(getattr(trajectory, "finger_position", None))
+    given = [getattr(trajectory, k, None) for k in ("time", "finger_position")]
+    time, p_wf = (as_floats(() if as_array(x) is None else x) for x in given)
     shape = (time.size, fingers, 3)
     good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
     good = good and np.isfinite(time).all() and (time[1:] > time[:-1]).all()

@@ -1,12 +1,14 @@
 """Ways of a finger to the start of an action, and back out of it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from hardware.errors import LimitError
 from hardware.impedance import Limits
 from hardware.kinematics import finger
-from hardware.paths import row_of, way_back, way_there
+from hardware.paths import checked_trajectory, row_of, way_back, way_there
 
 FINGER = finger("edu_dair", 180)
 LOW = 0.0185  # [m], a centimetre above the ground less than the tip's radius
@@ -61,3 +63,10 @@ def test_rows_between_two_rows_are_their_mean():
     path = np.arange(9.0).reshape(3, 3) ** 2
     assert np.array_equal(row_of(path, 0.5), (path[0] + path[1]) / 2)
     assert np.array_equal(row_of(path, 2.0), path[2])
+
+
+@pytest.mark.parametrize("time", [None, ["a", "b"], [[0.0], [1.0, 2.0]]])
+def test_a_time_that_is_no_numbers_is_told_as_empty(time):
+    trajectory = SimpleNamespace(time=time, finger_position=np.zeros((2, 1, 3)))
+    with pytest.raises(LimitError, match=r"got time \(0,\), finger_position \(2, 1, 3"):
+        checked_trajectory(trajectory, 1, 10.0)
