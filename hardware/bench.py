@@ -211,7 +211,7 @@ class Bench:
             driver.remember()
 
     def taken(self) -> list[Callable[[], FingerStreams]]:
-        """Return the samples of each finger since `remember`, and forget them."""
+        """Return functions that make each finger's streams, and forget the samples."""
         samples = [finger.taken() for finger in self.fingers]
         self.forget()
         return samples
