@@ -17,7 +17,7 @@ import numpy as np
 from ..nlp.codegen import begun, kept
 from ..nlp.term_functions import between_slices, padded
 
-SIZES = 8  # numbers of columns, of all threads, for which arrays are kept
+SIZES = 64  # numbers of columns, of all threads, for which arrays are kept
 
 
 class MappedFunction:
