@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -206,7 +205,9 @@ def test_a_running_cluster_imports_all_scripts_anew_once_all_are_there(
 
         def run(self, function):
             assert sent.keys() == scripts
-            with patch.dict(sys.modules, dict.fromkeys(scripts)):  # as after a study
+            with monkeypatch.context() as worker:
+                for name in scripts:  # as after a study
+                    worker.setitem(sys.modules, name, None)
                 function()
                 ran.append((function.__name__, scripts & sys.modules.keys()))
 
