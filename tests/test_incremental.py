@@ -17,7 +17,7 @@ from tactilenlp.refinement.incremental import (
     update_limit,
     updated_by_few,
 )
-from tactilenlp.search.local_solve import problem_at
+from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.multi_hypothesis import TrackedSearch
 
 
@@ -88,9 +88,9 @@ def test_the_solution_of_the_past_starts_a_problem_of_more_samples(asked, estima
     request, kept = asked
     past = past_solution(request.job, estimate)
     (best, *_) = TrackedSearch(request.job, kept, 2).first()
-    problem, window, _ = problem_at(request.job, best)
-    begun = of_more_samples(past, window, problem)
-    new = window.push.sample >= estimate.measurements.samples
+    built = built_page(request.job, best)
+    begun = of_more_samples(past, built.window, built.problem)
+    new = built.window.push.sample >= estimate.measurements.samples
     assert new.any()
     fingers = begun.values["finger"]
     np.testing.assert_array_equal(fingers[:, ~new], past.solution.values["finger"])

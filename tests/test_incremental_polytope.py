@@ -16,9 +16,9 @@ from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.refinement import incremental_polytope
 from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.local_solve import Solved, best_first
 from tactilenlp.search.margins import DECISIVE
 from tactilenlp.search.polytope_init import CLOSED
+from tactilenlp.search.solved import Solved, best_first
 
 OCTAHEDRON = RECORDINGS / "polytope.npz"
 PAGE = polytope_violation_implicit
@@ -166,7 +166,7 @@ def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
     def solved(objective, *path):
         hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))
         solution = SimpleNamespace(success=True, objective=objective)
-        return Solved(hypothesis, None, None, solution, job)
+        return Solved(hypothesis, None, solution, job)
 
     best, _ = best_first([solved(5.0 - gain), solved(5.0, CLOSED)])
     assert (CLOSED in best.hypothesis.path) == (kept == CLOSED)

@@ -24,7 +24,7 @@ from tactilenlp import Measurements, Options, Scene
 from tactilenlp.interface.options import Session
 from tactilenlp.interface.request import make_job
 from tactilenlp.search.hypothesis import Hypothesis, TermFunctions
-from tactilenlp.search.local_solve import problem_at
+from tactilenlp.search.local_solve import built_page
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
 
@@ -50,7 +50,7 @@ def problem_of(job):
     """Return the problem of the job's page at a body that lies still."""
     theta = CUBE.ravel() if job.shape.name == "polytope" else np.full(3, 0.04)
     x = np.zeros((3 if job.reductions.planar else 6, job.data.samples))
-    return problem_at(job, Hypothesis(theta, x, np.inf, ()))[0]
+    return built_page(job, Hypothesis(theta, x, np.inf, ())).problem
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from swing_up import (
 
 from tactilenlp.errors import OptionError
 from tactilenlp.solvers.options import SolverOptions
-from tactilenlp.solvers.solve import make_solver, solve, solve_levels
+from tactilenlp.solvers.solve import Solvers, make_solver, solve, solve_levels
 
 
 def test_a_pendulum_swings_up_as_its_differential_equation_says():
@@ -165,13 +165,13 @@ class Level:
 
 def first_mus(solvers) -> list[float]:
     """Return the mu_init of every solver that was built."""
-    return [dict(key[:2])["mu_init"] for key in solvers if key != "programme"]
+    return [dict(key[:2])["mu_init"] for key in solvers.by_options]
 
 
 def test_levels_start_where_the_one_before_ended_and_add_up():
     problem = cone([1.0, 3.0, 4.0])
     levels = [Level({"target": [9.0, 3.0, 4.0]}), Level(fixed=("f",)), Level()]
-    solvers = {}
+    solvers = Solvers(problem)
     options = SolverOptions(tolerance=1e-8)
     first = solve_levels(problem, levels[:2], {}, options, solvers)
     np.testing.assert_allclose(first.values["f"][:, 0], [9, 3, 4], atol=1e-6)
@@ -193,7 +193,8 @@ def test_a_level_that_takes_the_multipliers_before_it_has_less_to_do():
 
 
 def test_what_a_cold_barrier_does_not_solve_is_tried_with_the_warm_one():
-    problem, solvers = cone([1.0, 3.0, 4.0]), {}
+    problem = cone([1.0, 3.0, 4.0])
+    solvers = Solvers(problem)
     stiff = {"max_iter": 2, "mu_init": 0.1}
     levels = [
         Level(ipopt={"max_iter": 1}),
@@ -208,7 +209,7 @@ def test_what_a_cold_barrier_does_not_solve_is_tried_with_the_warm_one():
 def test_after_a_level_that_stopped_early_the_barrier_is_that_of_a_cold_start():
     problem = cone([1.0, 3.0, 4.0])
     for iterations, mu in ((200, 1e-5), (1, 0.1)):
-        solvers = {}
+        solvers = Solvers(problem)
         next_one = Level(ipopt={"mu_init": 0.1}, warm_start={"mu_init": 1e-5})
         first = Level(ipopt={"max_iter": iterations})
         end = solve_levels(problem, [first, next_one], {}, solvers=solvers)

@@ -105,10 +105,10 @@ def run(file, na, kind, seed, name) -> dict:
     theta, start = started(kind, truth, x, seed)
     problem, window = stated(page, data, scene, theta, start)
     _ = problem.functions  # kinds are derived, and compiled, before the clock runs
-    options, solvers = SolverOptions(time_limit=WAIT, ipopt={"max_cpu_time": LIMIT}), {}
+    options = SolverOptions(time_limit=WAIT, ipopt={"max_cpu_time": LIMIT})
     began = time.process_time()
     given = {"theta": theta, "x": start[:, window.last]}
-    s = solve_levels(problem, page.LEVELS, given, options, solvers)
+    s = solve_levels(problem, page.LEVELS, given, options)
     cpu = time.process_time() - began
     sizes, end = s.values["theta"][:, 0], s.values["x"][:, window.pose[-1]]
     bodies = [(sizes, end), (truth["side_lengths"], x[:, -1])]

@@ -38,9 +38,8 @@ from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
 from tactilenlp.search.local_solve import (
-    Solved,
+    built_page,
     freed_to_tilt,
-    problem_at,
     solved_from,
     warm_started,
 )
@@ -50,6 +49,7 @@ from tactilenlp.search.proposals_floating import (
     in_search_plane,
     search_plane,
 )
+from tactilenlp.search.solved import BuiltPage, Solved
 from tactilenlp.simulation.world import World
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
@@ -154,20 +154,18 @@ def floating(shape) -> tuple[dict[str, Way], Hypothesis]:
     return ways, in_free_motion(best, plane, shape)
 
 
-def written(way, h) -> tuple[Job, Hypothesis, dict]:
-    """Return a job, where its solve starts, and its problem, from planar poses of h."""
+def written(way, h) -> tuple[Job, Hypothesis, BuiltPage]:
+    """Return a job, where its solve starts, and its page, from planar poses of h."""
     job = way.job()
     if not job.reductions.planar:
         x = planar_to_free(h.theta, h.x, way.shape) if len(h.x) == 3 else h.x
         h = replace(h, x=x + np.array([[0], [0], [way.up], [0], [0], [0]]))
-    problem, window, _ = problem_at(job, h)
-    return job, h, {"window": window, "problem": problem, "solvers": {}}
+    return job, h, built_page(job, h)
 
 
 def begun(way, h) -> Solved:
     """Return a problem solved from a hypothesis."""
-    job, h, made = written(way, h)
-    return solved_from(job, h, made)
+    return solved_from(*written(way, h))
 
 
 def to_the_end(way, found) -> Solved:

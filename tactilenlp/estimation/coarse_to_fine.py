@@ -23,9 +23,9 @@ from ..refinement.nested_models import NUISANCES
 from ..refinement.newton_steps import as_found, with_latency
 from ..refinement.refinement import from_scratch
 from ..search.hypothesis import Hypothesis, distinct
-from ..search.local_solve import Solved, best_first
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
+from ..search.solved import Solved, best_first
 from ..tracking.tracking import tracked_samples
 from .interrupted import SoFar
 from .optima import (

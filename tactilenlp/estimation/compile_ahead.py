@@ -11,7 +11,7 @@ from ..interface.options import PROCESS
 from ..interface.request import read_request
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from ..search.local_solve import in_motion_of, problem_at
+from ..search.local_solve import built_page, in_motion_of
 from .solver import solve_estimate
 
 log = logging.getLogger("tactilenlp")
@@ -31,6 +31,6 @@ def compile_ahead(shape: str) -> Estimate:
     job = read_request(*given, PROCESS)[0].job
     for name in LARGER_MODELS:
         larger = job.with_reductions(**{name: False})
-        problem, *_ = problem_at(larger, in_motion_of(larger, estimate.origin))
+        problem = built_page(larger, in_motion_of(larger, estimate.origin)).problem
         log.info("without %r: %d functions", name, len(problem.functions))
     return estimate

@@ -18,7 +18,7 @@ from ..interface.request import Request, first_guess
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import problem_at
+from ..search.local_solve import built_page
 from ..search.multi_hypothesis import TrackedSearch
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
@@ -139,7 +139,7 @@ def tracked_search(request: Request, job: Job, kept: list) -> TrackedSearch:
     first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
     job = replace(job, first=first)
     if not default_cache().functions and job.deadline.left > AMPLE:
-        problem_at(request.job)  # its compilers run beside the search
+        built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, found = frame.job(job), tuple(frame.into(h) for h in kept)
     given = job, found, request.widths[1], request.executor

@@ -18,7 +18,8 @@ from ..nlp.term_functions import TermFunctionCache
 from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import window_of
-from ..search.local_solve import Solved, in_motion_of, solved_from, start_values
+from ..search.local_solve import in_motion_of, solved_from, start_values
+from ..search.solved import BuiltPage, Solved
 from ..solvers.solution import evaluated, not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
@@ -65,7 +66,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     job.page.build(problem, window, job.scene, shape)
     values = start_values(problem, window, best)
     solution = evaluated(problem, values, job.page.LEVELS[-1].parameters)
-    solved = Solved(best, problem, window, solution, job)
+    solved = Solved(best, BuiltPage(problem, window, best), solution, job)
     seconds = solution.seconds | {"search": spent, "total": spent}
     request, over = replace(request, job=job), replace(now, strict=True)
     return read_off(request, solved, (), seconds, over), solved

@@ -41,7 +41,7 @@ from ..interface.result import Estimate
 from ..nlp.kkt import kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.reductions import Reductions
-from ..search.local_solve import problem_at
+from ..search.local_solve import built_page
 from .programme import class_and_page, programme_at
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
@@ -214,10 +214,10 @@ def problem_of(
             )  # fmt: skip
         job = job.as_late_as(at.sensors)
         solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
-        return problem_at(solved, at.origin)[0]
+        return built_page(solved, at.origin).problem
     if job.shape.window_depends_on_start:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",
             got=job.shape.name, expected="an Estimate of these measurements",
         )  # fmt: skip
-    return problem_at(job)[0]
+    return built_page(job).problem

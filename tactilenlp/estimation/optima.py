@@ -38,8 +38,8 @@ from ..refinement.refinement import (
     update_costs_too_much,
 )
 from ..search.hypothesis import Hypothesis, Job, distinct, same
-from ..search.local_solve import Solved, best_first, comparable
 from ..search.margins import LEAST_MOTION_BEHIND
+from ..search.solved import Solved, best_first, comparable
 from ..solvers.solution import check_finite
 from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
 from .interrupted import SoFar

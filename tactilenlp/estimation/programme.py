@@ -18,7 +18,7 @@ from ..nlp.problem import Problem
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Job, TermFunctions
-from ..search.local_solve import problem_at
+from ..search.local_solve import built_page
 from ..solvers.solution import Solution
 
 
@@ -69,7 +69,8 @@ def programme_at(estimate, shape=None, formulation=None) -> Programme:
         page=page, options=Options(),
         deadline=NEVER, functions=TermFunctions(),
     ).as_late_as(precision)  # fmt: skip
-    problem, window, _ = problem_at(job, estimate.origin)
+    built = built_page(job, estimate.origin)
+    problem, window = built.problem, built.window
     _check_same_unknowns(problem, estimate)
     solution = solution_of(estimate, job.page)
     tangent = tangent_space_of(problem, solution, window, shape, frame.rotation.T)

@@ -26,8 +26,8 @@ from ..interface.result import Estimate
 from ..refinement.certification import certified
 from ..refinement.incremental_polytope import updated
 from ..refinement.model_selection import classes_of, likeliest_class
-from ..search.local_solve import Solved
 from ..search.proposals_surface import on_poses
+from ..search.solved import Solved
 from .coarse_to_fine import coarse_rows, optima_of_dense
 from .interrupted import SoFar, interrupted, not_solved, raise_unless_good
 from .optima import CERTIFICATES_END, optima_of

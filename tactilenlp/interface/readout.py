@@ -123,7 +123,7 @@ def _solved_fields(solved) -> dict:
         "precision": asdict(solved.job.precision),
         "reductions": asdict(solved.job.reductions),
         "cuts": tuple(int(i) for i in solved.job.cuts),
-        "origin": solved.origin,
+        "origin": solved.built.origin,
     }
 
 

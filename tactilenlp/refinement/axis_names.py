@@ -17,14 +17,9 @@ from formulations.centre_of_mass import NAME as CENTRE
 from ..geometry.transforms import continuous, is_planar, matrices
 from ..problem.pages import FORMULATIONS, name_of
 from ..search.hypothesis import Hypothesis, rotation_at
-from ..search.local_solve import (
-    Solved,
-    in_motion_of,
-    problem_at,
-    start_values,
-    warm_started,
-)
+from ..search.local_solve import built_page, in_motion_of, start_values, warm_started
 from ..search.margins import UNCHANGED
+from ..search.solved import Solved
 from ..solvers.solution import evaluated
 
 log = logging.getLogger("tactilenlp")
@@ -100,9 +95,10 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     kept, costs, best = [], [], hypotheses[0]
     for order, S in namings(job.shape, best):
         probe = renamed(replace(best, theta=best.theta.mean() * UNEQUAL), order, S)
-        problem, window, _ = problem_at(job, probe)
-        start = start_values(problem, window, in_motion_of(job, probe))
-        cost = evaluated(problem, start).objective
+        built = built_page(job, probe)
+        probe = in_motion_of(job, probe)
+        start = start_values(built.problem, built.window, probe)
+        cost = evaluated(built.problem, start).objective
         if all(abs(cost - other) > UNCHANGED for other in costs):
             kept.append([renamed(h, order, S) for h in hypotheses])
             costs.append(cost)

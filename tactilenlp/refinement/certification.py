@@ -13,14 +13,11 @@ from dataclasses import replace
 from ..problem.certificates import Certificates, certify
 from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
-from ..search.local_solve import (
-    Solved,
-    solved_from,
-    warm_started,
-)
+from ..search.local_solve import solved_from, warm_started
 from ..search.margins import RESTORED
 from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
+from ..search.solved import Solved
 from .newton_steps import with_ground_tilt
 from .profile_likelihood import PROFILE_MU, profiled
 from .tilt import explained, with_tilt

@@ -17,15 +17,9 @@ from ..problem.pages import name_of
 from ..problem.reductions import Reductions
 from ..problem.unreduced import LEFT_OUT
 from ..search.hypothesis import Hypothesis, Job, same
-from ..search.local_solve import (
-    Solved,
-    best_first,
-    problem_at,
-    solved_from,
-    start_values,
-    transferred,
-)
+from ..search.local_solve import built_page, solved_from, start_values, transferred
 from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
+from ..search.solved import Solved, best_first
 from ..solvers.solution import Solution
 
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -62,11 +56,11 @@ def past_solution(job: Job, start) -> Solved:
     data, made = job.data, Reductions(**start.reductions)
     data = data.select(np.unique(start.measurements.action))
     job = replace(job, data=data, reductions=made, cuts=start.cuts)
-    problem, window, built = problem_at(job, start.origin)
-    seconds = {"build": built, "solve": 0.0}
+    built = built_page(job, start.origin)
+    seconds = {"build": built.seconds, "solve": 0.0}
     solution = solution_of(start, job.page)
     solution = replace(solution, iterations=0, evaluations=0, seconds=seconds)
-    return Solved(start.origin, problem, window, solution, job)
+    return Solved(start.origin, built, solution, job)
 
 
 def of_more_samples(past: Solved, window, problem) -> Solution:
@@ -76,7 +70,7 @@ def of_more_samples(past: Solved, window, problem) -> Solution:
     """
     missing = np.full(len(window.pose) - len(past.window.pose), -1)
     known = replace(past.window, pose=np.r_[past.window.pose, missing])
-    return transferred(replace(past, window=known), window, problem)
+    return transferred(past.with_window(known), window, problem)
 
 
 def updated_by_few(
@@ -93,15 +87,14 @@ def updated_by_few(
     """
     made = Reductions(**start.reductions)
     job = replace(job, cuts=start.cuts, reductions=made)
-    problem, window, built = problem_at(job, first[0])
-    shared = {"problem": problem, "window": window, "solvers": {}, "built": built}
-    shared["built_at"] = first[0]
+    built = built_page(job, first[0])
+    problem, window = built.problem, built.window
     past = of_more_samples(past_solution(job, start), window, problem)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": UPDATE_MU})
 
     def solve(h: Hypothesis) -> Solved:
         values = past.values | start_values(problem, window, h)
-        solved.append(solved_from(job, h, shared, [last], replace(past, values=values)))
+        solved.append(solved_from(job, h, built, [last], replace(past, values=values)))
         return solved[-1]
 
     best = best_first([solve(h) for h in first])[0]

@@ -27,15 +27,10 @@ from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import (
-    Solved,
-    best_first,
-    continued,
-    start_values,
-    warm_started,
-)
+from ..search.local_solve import continued, start_values, warm_started
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
 from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
+from ..search.solved import BuiltPage, Solved, best_first
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import solve_levels
@@ -186,8 +181,9 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         }  # fmt: skip
         known |= start_values(problem, window, h)
         solution = after(solution, solve_levels(problem, levels, known, options))
-        h = Solved(h, problem, window, solution, job).at
-    return Solved(h, problem, window, solution, job)
+        built = BuiltPage(problem, window, h)
+        h = Solved(h, built, solution, job).at
+    return Solved(h, built, solution, job)
 
 
 def joint(job: Job, past: Solved, new: Solved) -> Solved:
@@ -246,7 +242,7 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
         bound_multipliers=s.bound_multipliers | {"ground": 0 * moved},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)
-    return replace(solved, solution=solution, window=at)
+    return replace(solved, solution=solution).with_window(at)
 
 
 def redistributed(old, legs, yaw, impulses) -> np.ndarray:

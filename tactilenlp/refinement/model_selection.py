@@ -30,8 +30,8 @@ from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from ..search.local_solve import Solved, comparable
 from ..search.margins import DECISIVE, LEAST_MOTION_BEHIND
+from ..search.solved import Solved, comparable
 
 AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),

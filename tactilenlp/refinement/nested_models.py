@@ -30,15 +30,10 @@ from ..information.mixture import occam_of
 from ..information.sensitivity import kkt_residual
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
-from ..search.local_solve import (
-    Solved,
-    best_first,
-    problem_at,
-    transferred,
-    warm_started,
-)
+from ..search.local_solve import built_page, transferred, warm_started
 from ..search.margins import DECISIVE, UNCHANGED
 from ..search.multistart import FREED_MU
+from ..search.solved import Solved, best_first
 from ..tracking.first_touch import body_height
 
 log = logging.getLogger("tactilenlp")
@@ -184,8 +179,9 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     largest gain by the deviations of any level counts: by the page's own ones, touches
     that are far off are outliers, which cost the same wherever they are.
     """
-    problem, window, _ = problem_at(job, solved.hypothesis)
-    x = problem.pack(transferred(solved, window, problem).values)
+    built = built_page(job, solved.hypothesis)
+    problem = built.problem
+    x = problem.pack(transferred(solved, built.window, problem).values)
     variable = problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
@@ -210,8 +206,9 @@ def score(job, solved: Solved, unknown: str) -> float:
     All others move with it: half of Rao's score statistic (1948).  Where the Hessian is
     indefinite, such a step may raise it: none is gained.
     """
-    problem, window, _ = problem_at(job, solved.hypothesis)
-    kkt = kkt_system_of(problem, transferred(solved, window, problem))
+    built = built_page(job, solved.hypothesis)
+    problem = built.problem
+    kkt = kkt_system_of(problem, transferred(solved, built.window, problem))
     own = np.arange(problem.size)[problem.variables[unknown].span]
     slope = kkt_residual(problem, kkt)[0][own]
     return max(0.0, float(slope @ kkt.sensitivity(own)[0][own] @ slope / 2))

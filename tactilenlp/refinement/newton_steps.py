@@ -28,13 +28,9 @@ from ..information.measurement_noise import Sensed
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
 from ..nlp.kkt import kkt_system_of
-from ..search.local_solve import (
-    Solved,
-    best_first,
-    continued,
-    warm_started,
-)
+from ..search.local_solve import continued, warm_started
 from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
+from ..search.solved import Solved, best_first
 from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")

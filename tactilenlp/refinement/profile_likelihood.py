@@ -42,13 +42,9 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis, resized, rotation_at
-from ..search.local_solve import (
-    RANKING_TOLERANCE,
-    Solved,
-    settings_of,
-    start_values,
-)
+from ..search.local_solve import RANKING_TOLERANCE, start_values
 from ..search.margins import PROFILE_RISE
+from ..search.solved import Solved, settings_of
 from ..solvers.solve import solve_levels
 from .profile_deviation import deviation_along
 
@@ -84,7 +80,7 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     least = n + int(np.argmax(known[n : n + 2]))
     if known[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
         profile[least] = by_gradient[chosen, least] / known[least]
-    elsewhere = partial(_constrained, job, solved, {}, chosen)
+    elsewhere = partial(_constrained, job, solved, chosen)
     for axis, widest, *how in _asked(job, solved, faces, known, least, seeks):
         way = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
         given = solved, widest, axis, way, way[chosen], *how
@@ -155,16 +151,16 @@ def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
     return lambda changes: added(ca.DM(np.atleast_1d(changes)).T).full().ravel()
 
 
-def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Callable:
+def _constrained(job, solved, chosen, axis, direction, touched) -> Callable:
     """Return a function of a step [m]: the solve with one chosen unknown so far off.
 
     It is called with larger and larger steps, each solve starts from the one before,
-    and it returns None where one fails. shared: keeps solvers; direction: the response
-    of all unknowns by the Hessian, along which the start moves, or, with the samples on
-    both faces of a size (touched), only that size moves. A feasible solve with a small
-    rise is enough. Poses that the page computes are unknowns here, else none is held.
+    and it returns None where one fails. direction: the response of all unknowns by the
+    Hessian, along which the start moves, or, with the samples on both faces of a size
+    (touched), only that size moves. A feasible solve with a small rise is enough. Poses
+    that the page computes are unknowns here, else none is held.
     """
-    problem, held = solved.problem, chosen[axis]
+    problem, solvers, held = solved.problem, solved.built.solvers, chosen[axis]
     low = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
     level = replace(
         job.page.LEVELS[-1].with_ipopt(max_iter=PROFILE_ITERATIONS),
@@ -187,7 +183,7 @@ def _constrained(job, solved, shared, chosen, axis, direction, touched) -> Calla
             values = values | start_values(problem, solved.window, moved)
         start = replace(latest.solution, values=values)
         settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
-        found = solve_levels(problem, (level,), start, settings, shared)
+        found = solve_levels(problem, (level,), start, settings, solvers)
         feasible = max(found.violations.values(), default=0.0) <= RANKING_TOLERANCE
         if not (feasible and (found.success or found.objective < highest)):
             return None

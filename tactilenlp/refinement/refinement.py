@@ -19,13 +19,7 @@ from ..interface.result import Estimate
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
 from ..search.hypothesis import distinct
-from ..search.local_solve import (
-    Solved,
-    best_first,
-    freed_to_tilt,
-    solved_from,
-    warm_started,
-)
+from ..search.local_solve import freed_to_tilt, solved_from, warm_started
 from ..search.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
@@ -33,6 +27,7 @@ from ..search.margins import (
     UNCHANGED,
 )
 from ..search.multistart import levels_of, multistart
+from ..search.solved import Solved, best_first
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit

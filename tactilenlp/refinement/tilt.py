@@ -31,8 +31,9 @@ from ..problem.outliers import with_ideal_fingertips
 from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
 from ..search.hypothesis import Hypothesis
-from ..search.local_solve import Solved, best_first, freed_to_tilt, solved_from
+from ..search.local_solve import freed_to_tilt, solved_from
 from ..search.multistart import HELD_ITERATIONS
+from ..search.solved import Solved, best_first
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")

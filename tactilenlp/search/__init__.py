@@ -7,6 +7,6 @@ a shape and a trajectory.  Boxes: multi-hypothesis tracking, then multistart.
 - `multi_hypothesis`: the search for boxes, of the package `tracking` and `least_motion`
 - `proposals_surface`: bodies of any class that explain the first touch
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
-- `local_solve`, `multistart`: the page solved from starts
+- `solved`, `local_solve`, `multistart`: the page solved from starts
 - `plane_slam`, `polytope_init`: planes and poses of a polytope, then its vertices
 """

@@ -24,8 +24,9 @@ from ..solvers.options import SolverOptions
 from ..solvers.solve import solve_levels
 from ..tracking.geometry import geometry_of
 from .hypothesis import Hypothesis, Job, same
-from .local_solve import LEVEL_TIME, problem_at, start_values
+from .local_solve import built_page, start_values
 from .margins import LEAST_MOTION_BEHIND
+from .solved import LEVEL_TIME
 
 log = logging.getLogger("tactilenlp")
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
@@ -110,10 +111,10 @@ def _solved(job: Job, tracks) -> list[Hypothesis]:
 
 
 def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
-    problem, window, _ = problem_at(replace(job, page=quasi_static))
+    built = built_page(replace(job, page=quasi_static))
+    problem, window = built.problem, built.window
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
-    solvers = {}
     for h in tracks:
         if job.deadline.passed("least motion of all tracks"):
             yield h
@@ -121,7 +122,7 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
         left = min(LEVEL_TIME, max(0.05, job.deadline.left))
         options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
         start = start_values(problem, window, h)
-        s = solve_levels(problem, (level,), start, options, solvers)
+        s = solve_levels(problem, (level,), start, options, built.solvers)
         theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
         offset = s.values.get(OFFSET)
         yield Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
@@ -133,7 +134,8 @@ def from_posterior(job: Job, kept) -> list[tuple[np.ndarray, np.ndarray]]:
     P (n + 3, n + 3): covariance of theta and last pose; along (T, 3, n + 3): slopes of
     the poses in these.  The job holds the data of the hypotheses' samples.
     """
-    problem, window, _ = problem_at(replace(job, page=quasi_static))
+    built = built_page(replace(job, page=quasi_static))
+    problem, window = built.problem, built.window
     data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
     n, m = job.shape.theta, window.motion.unknowns
     theta, poses = (problem.variables[name].span for name in ("theta", "x"))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,123 +12,26 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
-from ..data.ground import frame_of
-from ..geometry.faces import touched_faces
 from ..geometry.tipping import planar_to_free
-from ..information.information import FACE_COSINE, optimum_of
-from ..information.mixture import LocalOptimum
-from ..nlp.problem import Problem
-from ..problem.certificates import Certificates
 from ..problem.pages import check_unknowns
 from ..problem.polytope_window import window_of
-from ..problem.poses import poses
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
-from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after, unfinished
-from ..solvers.solve import solve_levels
 from .hypothesis import Hypothesis, Job
-from .margins import DECISIVE, NEGLIGIBLE
-from .polytope_init import CLOSED, IPOPT_OPTIONS, with_vertices_on_hull
+from .polytope_init import with_vertices_on_hull
+from .solved import BuiltPage, Solved
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
-LEVEL_TIME = 60.0  # [s] at most, of one level of a page
 RESTART_MU = 1e-5  # IPOPT's mu_init from a solution that lacks only what was dropped
 RESTARTED = ("theta", "x", "body")  # unknowns of a rebuilt page that it guesses itself
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """A page solved from one hypothesis: problem, window, solution.
-
-    rough: the hypothesis after the levels before the last one; profile (k, k): how far
-    sizes and final pose may be off (refinement/profile_likelihood.py); declined: larger
-    models that the data did not ask for, each with its check; built_at: the start that
-    the problem was built for, if another one.
-    """
-
-    hypothesis: Hypothesis
-    problem: Problem
-    window: object
-    solution: Solution
-    job: Job
-    certificates: Certificates = field(default_factory=lambda: Certificates(()))
-    rough: Hypothesis | None = None
-    profile: np.ndarray | None = None
-    declined: tuple = ()
-    built_at: Hypothesis | None = None
-
-    @property
-    def origin(self) -> Hypothesis:
-        """The hypothesis at which the problem is built again."""
-        return self.built_at or self.hypothesis
-
-    @property
-    def skipped(self) -> tuple:
-        """What was left out, each with its check."""
-        return (*self.certificates.skipped, *self.declined)
-
-    @property
-    def cost(self) -> float:
-        """The objective with the priors of what a solve takes as given [nats]."""
-        return self.solution.objective + self.job.prior_cost
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """The key to sort by: failed solves last, then by cost.
-
-        A face that no touch supports must lower the objective by DECISIVE.
-        """
-        favour = DECISIVE * (CLOSED in self.hypothesis.path)
-        return not self.solution.success, round(self.cost, 3) - favour
-
-    @property
-    def touched(self) -> np.ndarray:
-        """How many samples touched each face of a box, (3, 2): lower end, upper end."""
-        at, motion = self.at, self.window.motion
-        _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, turned, FACE_COSINE)
-
-    @property
-    def at(self) -> Hypothesis:
-        """The hypothesis moved to the solution."""
-        values = self.solution.values
-        return replace(
-            self.hypothesis,
-            theta=values["theta"].T.ravel(),
-            x=values["x"][:, self.window.pose],
-            offset=values.get(OFFSET),
-            objective=self.solution.objective,
-        )
-
-    @cached_property
-    def optimum(self) -> LocalOptimum:
-        """Shape and final pose of a shape with sizes, covariance by the Hessian."""
-        R_wg = frame_of(self.job.scene.ground).rotation.T
-        given = self.problem, self.solution, self.window, self.job.shape
-        return optimum_of(*given, R_wg)
+# Problems of a page, where they start
 
 
-def best_first(solved) -> list[Solved]:
-    """Return solves, the best first; what failed comes last."""
-    return sorted(solved, key=lambda s: s.rank)
-
-
-def comparable(best: Solved, solved) -> list[Solved]:
-    """Return the solves that converged, of the best one's motion, of some weight."""
-    least = best.solution.objective + NEGLIGIBLE
-    return [
-        s for s in solved
-        if s.solution.success and s.window.motion is best.window.motion
-        and s.solution.objective <= least
-    ]  # fmt: skip
-
-
-# Problems of a page, where they start, how they are solved
-
-
-def problem_at(job: Job, hypothesis=None):
-    """Return problem and window of a job's page, and the seconds it took.
+def built_page(job: Job, hypothesis=None) -> BuiltPage:
+    """Return the problem of a job's page, built.
 
     hypothesis: where it is solved from; reach depends on it, and contacts of hulls.
     """
@@ -138,7 +40,7 @@ def problem_at(job: Job, hypothesis=None):
     guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
     window, shape = window_of(replace(job, reductions=made), guess)
     problem = replace(job, shape=shape).build(window)
-    return problem, window, time.process_time() - began
+    return BuiltPage(problem, window, hypothesis, time.process_time() - began)
 
 
 def start_values(problem, window, h: Hypothesis) -> dict:
@@ -152,14 +54,6 @@ def start_values(problem, window, h: Hypothesis) -> dict:
     return start
 
 
-def settings_of(job) -> SolverOptions:
-    """Return the solver's settings within the time that a job has left."""
-    left = min(LEVEL_TIME, max(0.1, job.deadline.left))
-    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **job.options.ipopt}
-    tolerance = job.options.tolerance
-    return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)
-
-
 # Solves from a hypothesis
 
 
@@ -170,28 +64,18 @@ def in_motion_of(job, h: Hypothesis) -> Hypothesis:
     return replace(h, x=planar_to_free(h.theta, h.x, job.shape))
 
 
-def solved_from(job, hypothesis, shared=None, levels=None, before=None) -> Solved:
-    """Solve the page from one hypothesis; `shared` keeps problem and solvers.
+def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved:
+    """Solve the page from one hypothesis.
 
-    levels: by default those of the page; before: the solution of earlier levels from
-    this hypothesis, to start from.
+    built: the page, by default built here; levels: by default those of the page;
+    before: the solution of earlier levels from this hypothesis, to start from.
     """
-    shared = {} if shared is None else shared
     hypothesis = in_motion_of(job, hypothesis)
-    if not shared:
-        problem, window, built = problem_at(job, hypothesis)
-        shared.update(window=window, problem=problem, solvers={}, built=built)
-        shared["built_at"] = hypothesis
-    window, problem = shared["window"], shared["problem"]
-    settings = settings_of(job)
-    start = start_values(problem, window, hypothesis) if before is None else before
-    levels = levels or job.page.LEVELS
-    first, *later = grouped(levels, lambda _, level: level.rebuild)
-    solution = solve_levels(problem, first, start, settings, shared["solvers"])
-    solution = solution if before is None else after(before, solution)
-    solution.seconds["build"] += shared.pop("built", 0.0)  # it was built once
-    solved = Solved(hypothesis, problem, window, solution, job)
-    return _rebuilt_for(job, replace(solved, built_at=shared.get("built_at")), later)
+    built = built or built_page(job, hypothesis)
+    start = before or start_values(built.problem, built.window, hypothesis)
+    first, *later = grouped(levels or job.page.LEVELS, lambda _, level: level.rebuild)
+    solved = built.solved(job, first, start, hypothesis, before)
+    return _rebuilt_for(job, solved, later)
 
 
 # Warm starts: values and multipliers of an earlier solution
@@ -219,13 +103,10 @@ def warm_started(
     hypothesis: at which the problem is built, by default that of `known`;
     start(known, window, problem): the Solution to start from.
     """
-    hypothesis = known.hypothesis if hypothesis is None else hypothesis
-    problem, window, built = problem_at(job, hypothesis)
+    built = built_page(job, hypothesis or known.hypothesis)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": mu_init})
-    given = start(known, window, problem)
-    solution = solve_levels(problem, (last,), given, settings_of(job))
-    solution.seconds["build"] += built
-    return Solved(hypothesis, problem, window, solution, job, declined=known.declined)
+    given = start(known, built.window, built.problem)
+    return replace(built.solved(job, (last,), given), declined=known.declined)
 
 
 def freed_to_tilt(job, slid: Solved) -> Solved:
@@ -284,11 +165,8 @@ def _rebuilt_for(job, solved, groups) -> Solved:
 def _rebuilt(job, solved, levels) -> Solved:
     """Go on from a solve through levels of the page, rebuilt where it ended."""
     h = with_vertices_on_hull(job.shape, solved.at)
-    problem, window, built = problem_at(job, h)
-    values, _, _ = transferred_values(solved, window, problem)
+    built = built_page(job, h)
+    values, _, _ = transferred_values(solved, built.window, built.problem)
     kept = {name: v for name, v in values.items() if name not in RESTARTED}
-    start = kept | start_values(problem, window, h)
-    solution = solve_levels(problem, levels, start, settings_of(job))
-    solution.seconds["build"] += built
-    solution = after(solved.solution, solution)
-    return Solved(h, problem, window, solution, job)
+    start = kept | start_values(built.problem, built.window, h)
+    return built.solved(job, levels, start, before=solved.solution)

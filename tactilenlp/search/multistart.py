@@ -18,8 +18,15 @@ from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
-from .local_solve import RANKING_TOLERANCE, best_first, grouped, solved_from
+from .local_solve import (
+    RANKING_TOLERANCE,
+    built_page,
+    grouped,
+    in_motion_of,
+    solved_from,
+)
 from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
+from .solved import best_first
 
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses
@@ -91,7 +98,7 @@ def multistart(job, hypotheses, levels, known=(), solved=None) -> list:
 
 def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
     """Fill `rough` with solves before the last level, `solved` with those after it."""
-    shared = {}  # each stage ends with a level that holds no poses
+    built = None  # each stage ends with a level that holds no poses
     stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
     stage_ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
@@ -99,11 +106,12 @@ def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
     for h in progress(hypotheses, "solve"):
         if (known or solved or rough) and job.deadline.passed("all hypotheses"):
             break
-        shared = {} if job.shape.window_depends_on_start else shared
+        if built is None or job.shape.window_depends_on_start:
+            built = built_page(job, in_motion_of(job, h))
         if separate:  # held or free poses do not come together before the last level
-            solved.append(solved_from(job, h, shared, levels))
+            solved.append(solved_from(job, h, built, levels))
             continue
-        found, first = _solved_stages(job, h, shared, stages, stage_ends)
+        found, first = _solved_stages(job, h, built, stages, stage_ends)
         if first is None:
             rough.append(found)
         elif first is min(rough, key=lambda s: s.at.rank).hypothesis:
@@ -119,7 +127,7 @@ def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
         margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
         if s.solution.objective > min(good, default=np.inf) + margin:
             continue  # too far behind the best to be solved to the end
-        end = solved_from(job, s.hypothesis, shared, levels[-1:], s.solution)
+        end = solved_from(job, s.hypothesis, s.built, levels[-1:], s.solution)
         solved.append(replace(end, rough=s.at))
         known_ends.append(s.at)
 
@@ -138,15 +146,11 @@ def _finish(job, level, known, solved) -> None:
     ahead = [s for s in ahead if s.cost < min(ended, default=np.inf) - DECISIVE]
     if ahead and not job.deadline.passed("an unfinished solve of the page"):
         best = min(ahead, key=lambda s: s.cost)
-        same_problem = {
-            "problem": best.problem, "window": best.window, "solvers": {},
-            "built_at": best.built_at,
-        }  # fmt: skip
-        end = solved_from(job, best.hypothesis, same_problem, [level], best.solution)
+        end = solved_from(job, best.hypothesis, best.built, [level], best.solution)
         solved[solved.index(best)] = replace(end, rough=best.rough)
 
 
-def _solved_stages(job, h, shared, stages, stage_ends):
+def _solved_stages(job, h, built, stages, stage_ends):
     """Solve the stages one after another; return the last solve, and None.
 
     Where a stage ends at the same body as an earlier start did at that stage, the rest
@@ -157,7 +161,7 @@ def _solved_stages(job, h, shared, stages, stage_ends):
     found = None
     for levels, ends in zip(stages, stage_ends, strict=True):
         before = None if found is None else found.solution
-        found = solved_from(job, h, shared, levels, before)
+        found = solved_from(job, h, built, levels, before)
         if not found.solution.success:
             continue
         for start, end in ends:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -24,26 +25,66 @@ MOST_IN_EQUATIONS = 200  # unknowns of our method's dense matrix: a fifth of a h
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
-def make_solver(
-    problem, options: SolverOptions, eliminate=False, warm=False, shared=None
-):
+@dataclass(eq=False)
+class Solvers:
+    """The solvers of one problem, by their options, for further solves of it."""
+
+    problem: Problem
+    by_options: dict = field(default_factory=dict)
+
+    def kept(self, options: SolverOptions, eliminate=False, warm=False):
+        """Return a solver whose time limit ends by the deadline; it is made once."""
+        self.programme(options, eliminate)
+        options.deadline.check()
+        left = max(MIN_SOLVE_TIME, options.deadline.left)
+        options = replace(options, time_limit=min(options.time_limit, left))
+        key = (*sorted(options.ipopt.items()), options.tolerance, options.time_limit)
+        key += (eliminate, warm)
+        if key not in self.by_options:
+            self.by_options[key] = self.made(options, eliminate, warm)
+        return self.by_options[key]
+
+    def made(self, options: SolverOptions, eliminate=False, warm=False):
+        """Return a new solver; see `make_solver`."""
+        problem = self.problem  # a solver that held these solvers would be a cycle
+
+        def ipopt(seconds: float):
+            limited = replace(options, time_limit=seconds)
+            return make_ipopt(problem, limited, eliminate, warm)
+
+        programme = self.programme(options, eliminate)
+        if programme is None:
+            return ipopt(options.time_limit)
+        settings = Settings(**{**options.named(warm), **options.ipopt})
+        return InteriorPoint(programme, settings, ipopt)
+
+    def programme(self, options: SolverOptions, eliminate=False) -> tuple | None:
+        """Return what our method solves; None where only IPOPT can.
+
+        The first call assembles functions and patterns, which takes seconds of a large
+        problem: the time limit of a solver is set after it.
+        """
+        _part(self.problem, eliminate)
+        ours = not eliminate and set(options.ipopt) <= NAMES
+        return self._programme if ours else None
+
+    @cached_property
+    def _programme(self) -> tuple | None:
+        problem = self.problem
+        equal = problem.limits("lower") >= problem.limits("upper")
+        if _read_by(problem, equal) > min(MOST_IN_EQUATIONS, problem.size // 2):
+            return None
+        a = problem.assembly
+        return a, CondensedKkt(a.hessian, a.jacobian, equal)
+
+
+def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
     """Return what solves this problem, called as a CasADi solver.
 
     The interior-point method of this package where there are few equations and no
-    options that only IPOPT has, else IPOPT.  shared: a dictionary that keeps what
-    solvers of one problem share.
+    options that only IPOPT has, else IPOPT.
     """
-
-    def ipopt(seconds: float):
-        return make_ipopt(
-            problem, replace(options, time_limit=seconds), eliminate, warm
-        )
-
-    programme = _prepared(problem, options, eliminate, {} if shared is None else shared)
-    if programme is None:
-        return ipopt(options.time_limit)
-    settings = Settings(**{**options.named(warm), **options.ipopt})
-    return InteriorPoint(programme, settings, ipopt)
+    return Solvers(problem).made(options, eliminate, warm)
 
 
 def make_ipopt(problem, options: SolverOptions, eliminate=False, warm=False):
@@ -60,25 +101,6 @@ def make_ipopt(problem, options: SolverOptions, eliminate=False, warm=False):
             got=f"{shortened(options.ipopt)}: {str(error).strip().splitlines()[-1]}",
             expected="names and values of IPOPT's documentation",
         ) from error
-
-
-def _prepared(problem, options, eliminate, shared: dict) -> tuple | None:
-    """Return what our method solves, kept in `shared`; None where only IPOPT can.
-
-    The first call assembles functions and patterns, which takes seconds of a large
-    problem: the time limit of a solver is set after it.
-    """
-    _part(problem, eliminate)
-    if eliminate or not set(options.ipopt) <= NAMES:
-        return None
-    if "programme" not in shared:
-        equal = problem.limits("lower") >= problem.limits("upper")
-        few = _read_by(problem, equal) <= min(MOST_IN_EQUATIONS, problem.size // 2)
-        shared["programme"] = None
-        if few:
-            a = problem.assembly
-            shared["programme"] = a, CondensedKkt(a.hessian, a.jacobian, equal)
-    return shared["programme"]
 
 
 def _read_by(problem, equal: np.ndarray) -> int:
@@ -114,7 +136,7 @@ def solve(
     began = time.process_time()
     if solver is None:
         given = options or SolverOptions(), eliminate, warm is not None
-        solver = _kept_solver(problem, *given, {})
+        solver = Solvers(problem).kept(*given)
     built = time.process_time() - began
     values = (warm.values if warm else start) or {}
     x, lower, upper = _start(problem, values, fixed)
@@ -131,19 +153,6 @@ def solve(
     if throw and not solution.success:
         raise not_converged(problem, solution)
     return solution
-
-
-def _kept_solver(problem, options: SolverOptions, eliminate, warm, solvers: dict):
-    """Return a solver whose time limit ends by the deadline, kept in `solvers`."""
-    _prepared(problem, options, eliminate, solvers)
-    options.deadline.check()
-    left = max(MIN_SOLVE_TIME, options.deadline.left)
-    options = replace(options, time_limit=min(options.time_limit, left))
-    key = (*sorted(options.ipopt.items()), options.tolerance, options.time_limit)
-    key += (eliminate, warm)
-    if key not in solvers:
-        solvers[key] = make_solver(problem, options, eliminate, warm, solvers)
-    return solvers[key]
 
 
 def _part(problem, eliminate) -> tuple[object, object, object]:
@@ -221,24 +230,24 @@ def solve_levels(
     levels,
     start: dict[str, np.ndarray] | Solution,
     options: SolverOptions | None = None,
-    solvers: dict | None = None,
+    solvers: Solvers | None = None,
 ) -> Solution:
     """Run the levels of a continuation, each from the solution of the one before.
 
-    solvers: keeps the solvers that were built, for further calls on the same problem.
+    solvers: of this problem, which further calls share; by default new.
     Iterations and seconds of the result are sums over the levels.  A level that fails
     does not stop the next; the status is that of the last.  At a deadline the levels
     that remain are not solved, and the result is marked as a failure.
     """
     options = options or SolverOptions()
-    solvers = {} if solvers is None else solvers
+    solvers = solvers or Solvers(problem)
     whole = None
     options.deadline.check()
     for level in levels:
         if whole is not None and options.deadline.left <= 0:
             return unfinished(whole)
         for ipopt, warm in _tries(level, start):
-            solution = _at(problem, level, ipopt, warm, start, options, solvers)
+            solution = _at(solvers, level, ipopt, warm, start, options)
             whole = solution if whole is None else after(whole, solution)
             if solution.success or options.deadline.left <= 0:
                 break
@@ -260,16 +269,16 @@ def _tries(level, start) -> list[tuple[dict, bool]]:
     return near if start.success else [(cold, True), *near]
 
 
-def _at(problem, level, ipopt, warm, start, options, solvers) -> Solution:
+def _at(solvers: Solvers, level, ipopt, warm, start, options) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
     began = time.process_time()
     chosen = replace(options, ipopt=ipopt | options.chosen | options.ipopt)
-    solver = _kept_solver(problem, chosen, level.eliminate, warm, solvers)
+    solver = solvers.kept(chosen, level.eliminate, warm)
     built = time.process_time() - began
     if not warm and isinstance(start, Solution):
         start = start.values
     solution = solve(
-        problem,
+        solvers.problem,
         start=start,
         parameters=level.parameters,
         fixed=level.fixed,

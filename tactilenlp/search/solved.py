@@ -1,0 +1,159 @@
+"""A page as it is built and as it is solved: its problem, a solution, their order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from formulations.finger_offset import NAME as OFFSET
+
+from ..data.ground import frame_of
+from ..geometry.faces import touched_faces
+from ..information.information import FACE_COSINE, optimum_of
+from ..information.mixture import LocalOptimum
+from ..nlp.problem import Problem
+from ..problem.certificates import Certificates
+from ..problem.poses import poses
+from ..solvers.options import SolverOptions
+from ..solvers.solution import Solution, after
+from ..solvers.solve import Solvers, solve_levels
+from .hypothesis import Hypothesis, Job
+from .margins import DECISIVE, NEGLIGIBLE
+from .polytope_init import CLOSED, IPOPT_OPTIONS
+
+LEVEL_TIME = 60.0  # [s] at most, of one level of a page
+
+
+@dataclass(eq=False)
+class BuiltPage:
+    """The problem of a job's page, built, and what its solves share.
+
+    origin: the hypothesis that it is built for, if any; seconds: of the build, until
+    the first solve counts them.
+    """
+
+    problem: Problem
+    window: object
+    origin: Hypothesis | None
+    seconds: float = 0.0
+
+    @cached_property
+    def solvers(self) -> Solvers:
+        """The solvers of the problem, kept for further solves."""
+        return Solvers(self.problem)
+
+    def solved(self, job, levels, start, hypothesis=None, before=None) -> Solved:
+        """Return the page solved along some levels, from values or from a Solution.
+
+        hypothesis: from which, by default the origin; before: the solution of earlier
+        levels, whose iterations and seconds are added.
+        """
+        settings = settings_of(job)
+        solution = solve_levels(self.problem, levels, start, settings, self.solvers)
+        solution = solution if before is None else after(before, solution)
+        solution.seconds["build"] += self.seconds
+        self.seconds = 0.0
+        return Solved(hypothesis or self.origin, self, solution, job)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A page solved from one hypothesis.
+
+    rough: the hypothesis after the levels before the last one; profile (k, k): how far
+    sizes and final pose may be off (refinement/profile_likelihood.py); declined: larger
+    models that the data did not ask for, each with its check.
+    """
+
+    hypothesis: Hypothesis
+    built: BuiltPage
+    solution: Solution
+    job: Job
+    certificates: Certificates = field(default_factory=lambda: Certificates(()))
+    rough: Hypothesis | None = None
+    profile: np.ndarray | None = None
+    declined: tuple = ()
+
+    @property
+    def problem(self) -> Problem:
+        """The problem of the page."""
+        return self.built.problem
+
+    @property
+    def window(self):
+        """The measurements as the problem has them."""
+        return self.built.window
+
+    def with_window(self, window) -> Solved:
+        """Return the solve as if of another window."""
+        return replace(self, built=replace(self.built, window=window))
+
+    @property
+    def skipped(self) -> tuple:
+        """What was left out, each with its check."""
+        return (*self.certificates.skipped, *self.declined)
+
+    @property
+    def cost(self) -> float:
+        """The objective with the priors of what a solve takes as given [nats]."""
+        return self.solution.objective + self.job.prior_cost
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The key to sort by: failed solves last, then by cost.
+
+        A face that no touch supports must lower the objective by DECISIVE.
+        """
+        favour = DECISIVE * (CLOSED in self.hypothesis.path)
+        return not self.solution.success, round(self.cost, 3) - favour
+
+    @property
+    def touched(self) -> np.ndarray:
+        """How many samples touched each face of a box, (3, 2): lower end, upper end."""
+        at, motion = self.at, self.window.motion
+        _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
+        return touched_faces(self.job.data, turned, FACE_COSINE)
+
+    @property
+    def at(self) -> Hypothesis:
+        """The hypothesis moved to the solution."""
+        values = self.solution.values
+        return replace(
+            self.hypothesis,
+            theta=values["theta"].T.ravel(),
+            x=values["x"][:, self.window.pose],
+            offset=values.get(OFFSET),
+            objective=self.solution.objective,
+        )
+
+    @cached_property
+    def optimum(self) -> LocalOptimum:
+        """Shape and final pose of a shape with sizes, covariance by the Hessian."""
+        R_wg = frame_of(self.job.scene.ground).rotation.T
+        given = self.problem, self.solution, self.window, self.job.shape
+        return optimum_of(*given, R_wg)
+
+
+def best_first(solved) -> list[Solved]:
+    """Return solves, the best first; what failed comes last."""
+    return sorted(solved, key=lambda s: s.rank)
+
+
+def comparable(best: Solved, solved) -> list[Solved]:
+    """Return the solves that converged, of the best one's motion, of some weight."""
+    least = best.solution.objective + NEGLIGIBLE
+    return [
+        s for s in solved
+        if s.solution.success and s.window.motion is best.window.motion
+        and s.solution.objective <= least
+    ]  # fmt: skip
+
+
+def settings_of(job) -> SolverOptions:
+    """Return the solver's settings within the time that a job has left."""
+    left = min(LEVEL_TIME, max(0.1, job.deadline.left))
+    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **job.options.ipopt}
+    tolerance = job.options.tolerance
+    return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)
