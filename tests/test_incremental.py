@@ -19,6 +19,7 @@ from tactilenlp.refinement.incremental import (
 )
 from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.multi_hypothesis import TrackedSearch
+from tactilenlp.search.solved import Solves
 
 
 @pytest.fixture(scope="module")
@@ -71,13 +72,13 @@ def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
     def after(risen, second):
         """Update an estimate that the new action lets rise so far [nats]."""
         start = replace(estimate, objective=ends.solution.objective - risen)
-        solved = []
-        enough = updated_by_few(request.job, start, [best], second, solved)
-        return len(solved), enough
+        solves = Solves()
+        enough = updated_by_few(request.job, start, [best], second, solves)
+        return len(solves.found), enough
 
-    found = []
-    assert updated_by_few(request.job, estimate, [best], None, found)
-    (ends,) = found  # another start was not asked for
+    solves = Solves()
+    assert updated_by_few(request.job, estimate, [best], None, solves)
+    (ends,) = solves.found  # another start was not asked for
     assert after(1.0, lambda: best) == (2, True)  # another start confirms it
     assert after(1.0, lambda: off)[0] == 2
     assert after(2 * most, None) == (1, False)  # no new action costs so much
@@ -134,16 +135,16 @@ def test_an_update_that_time_ends_keeps_what_it_has_solved(asked, estimate):
     """The first start is solved; before the second one, time is over."""
     request, kept = asked
     (best, *_) = TrackedSearch(request.job, kept, 2).first()
-    solved, job = [], request.job
+    solves, job = Solves(), request.job
     start = replace(estimate, objective=estimate.objective - 1.0)
 
     def second():
         raise OutOfTime
 
     with pytest.raises(OutOfTime):
-        updated_by_few(job, start, [best], second, solved)
-    assert len(solved) == 1
-    assert solved[0].solution.success
+        updated_by_few(job, start, [best], second, solves)
+    assert len(solves.found) == 1
+    assert solves.found[0].solution.success
 
 
 @pytest.mark.slow

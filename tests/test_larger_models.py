@@ -45,9 +45,9 @@ def test_a_compliance_that_rigid_fingertips_leave_may_be_zero(touched):
 def test_each_model_begins_with_no_solves_of_another(recorded, monkeypatch):
     refined, begun = optima.refined, []
 
-    def spied(job, kept, solved, *more):
-        begun.append((job.reductions.rigid, len(solved)))
-        return refined(job, kept, solved, *more)
+    def spied(job, kept, solves, *more):
+        begun.append((job.reductions.rigid, len(solves.best_first())))
+        return refined(job, kept, solves, *more)
 
     monkeypatch.setattr(optima, "refined", spied)
     data, scene, _ = recorded

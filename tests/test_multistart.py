@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tactilenlp.search import multistart as starts
 from tactilenlp.search.hypothesis import Hypothesis, distinct, same
 from tactilenlp.search.local_solve import continued, solved_from
 from tactilenlp.search.multistart import freed_levels, multistart
+from tactilenlp.search.solved import Solves
 
 LEVELS = freed_levels(page.LEVELS)
 
@@ -84,9 +86,30 @@ def test_only_the_best_start_is_solved_beyond_the_iterations_of_each(case, monke
 
 def test_levels_that_hold_poses_are_solved_one_by_one(case):
     job, h = case
-    kept = []
-    solved = multistart(job, [h, h], page.LEVELS, solved=kept)
-    assert len(solved) == len(kept) == 2
+    kept = Solves()
+    solved = multistart(job, [h, h], page.LEVELS, solves=kept)
+    assert len(solved) == len(kept.found) == 2
+
+
+def test_provisional_solves_count_as_long_as_there_is_no_other():
+    flat, rough, free, other = (
+        SimpleNamespace(rank=(False, cost)) for cost in (2.0, 1.0, 4.0, 3.0)
+    )
+    solves = Solves()
+    part, beside = solves.part(), solves.part()
+    slid = part.provisional()
+    slid.provisional().add(rough)
+    assert solves.best_first() == [rough]
+    slid.add(flat)
+    assert solves.best_first() == [flat]
+    part.provisional().add(rough)  # instead of what was provisional before
+    assert solves.best_first() == [rough]
+    assert part.add(free) is free
+    beside.add(other)
+    beside.provisional().add(flat)
+    assert solves.best_first() == [other, free]
+    assert part.best_first() == [free]
+    assert solves.part([flat]).best_first() == [flat]
 
 
 def test_continuation_ends_in_an_optimum_of_the_page(case):

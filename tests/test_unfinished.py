@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +80,21 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
     assert found.seconds["total"] > found.seconds["solve"]
     found.save(tmp_path / "unfinished.npz")
     assert Estimate.load(tmp_path / "unfinished.npz").status == found.status
+
+
+def test_a_page_solved_flat_is_left_until_one_is_solved_in_free_motion(
+    recorded, pressed
+):
+    from tactilenlp.refinement import refinement
+
+    data, scene, _ = recorded
+    pressed(refinement, "freed_to_tilt", 0)
+    free = replace(QUICK, without="planar")
+    with pytest.raises(Interrupted) as stop:
+        solve_estimate(data.select([0]), scene, options=free)
+    found = stop.value.estimate
+    assert found.formulation == "violation_implicit"
+    assert found.reductions["planar"]
 
 
 @pytest.mark.slow

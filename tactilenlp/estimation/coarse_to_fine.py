@@ -25,11 +25,12 @@ from ..refinement.refinement import from_scratch
 from ..search.hypothesis import Hypothesis, distinct
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
-from ..search.solved import Solved, best_first
+from ..search.solved import Solved
 from ..tracking.tracking import tracked_samples
 from .interrupted import SoFar
 from .optima import (
     CERTIFICATES_END,
+    OTHER_SOLVES,
     REFINEMENT_END,
     Optima,
     best_certified,
@@ -67,7 +68,8 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     try:
         coarse = optima_of(coarse_request(request, rows), part)
     except KeyboardInterrupt:
-        flat = [s.at for s in part.solved if is_planar(s.at.x)] or part.kept
+        ends = [s.at for s in part.solves.best_first()]
+        flat = [h for h in ends if is_planar(h.x)] or part.kept
         so_far.kept = [interpolated(h, data, rows) for h in flat]
         raise
     so_far.kept = kept = [interpolated(h, data, rows) for h in coarse.kept]
@@ -79,10 +81,10 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
     dense = replace(request, job=job)
     starts = [interpolated(s.at, data, rows) for s in (known, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
-    job = dense.job_until(REFINEMENT_END)
-    with so_far.collecting() as solved, job.deadline.ending("other solves of the page"):
-        multistart(job, starts, job.page.LEVELS, solved=solved)
-    solved = best_first(solved)
+    job, solves = dense.job_until(REFINEMENT_END), so_far.solves.part()
+    with job.deadline.ending(OTHER_SOLVES):
+        multistart(job, starts, job.page.LEVELS, solves=solves)
+    solved = solves.best_first()
     if not solved:
         return Optima(job, None, [], kept, starts, coarse.searched)
     job, solved = with_latency(job, solved)  # more samples tell more of it

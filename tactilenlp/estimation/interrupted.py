@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from ..common.deadline import NEVER, Deadline
@@ -19,7 +17,7 @@ from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import window_of
 from ..search.local_solve import in_motion_of, solved_from, start_values
-from ..search.solved import BuiltPage, Solved
+from ..search.solved import BuiltPage, Solved, Solves
 from ..solvers.solution import evaluated, not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
@@ -30,17 +28,8 @@ class SoFar:
     """What a solve has found by now: hypotheses of the first actions, solved pages."""
 
     kept: list
-    solved: list = field(default_factory=list)
+    solves: Solves = field(default_factory=Solves)
     began: float = field(default_factory=time.process_time)  # [s] of CPU
-
-    @contextmanager
-    def collecting(self) -> Iterator[list]:
-        """Give the list of the solves of one search; they are kept, however it ends."""
-        mine: list = []
-        try:
-            yield mine
-        finally:
-            self.solved += mine
 
     @property
     def spent(self) -> float:
@@ -81,7 +70,7 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
     estimate.
     """
     data, job = request.data, request.job
-    whole, solved = data.actions, min(so_far.solved, key=lambda s: s.rank, default=None)
+    whole, solved = data.actions, next(iter(so_far.solves.best_first()), None)
     if solved is None and so_far.kept and job.scene.ground is not None:
         best = min(so_far.kept, key=lambda h: h.rank)
         done, deadline = best.x.shape[1], Deadline.within(SHUTDOWN_TIME)

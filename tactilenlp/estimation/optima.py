@@ -13,6 +13,7 @@ import logging
 from dataclasses import dataclass, replace
 from functools import partial
 
+from ..common.deadline import OutOfTime
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
@@ -39,13 +40,14 @@ from ..refinement.refinement import (
 )
 from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.margins import LEAST_MOTION_BEHIND
-from ..search.solved import Solved, best_first, comparable
+from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
 from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
 from .interrupted import SoFar
 
 log = logging.getLogger("tactilenlp")
 REFINEMENT_END, CERTIFICATES_END = 0.85, 1.0  # [-] of the time until the readout
+OTHER_SOLVES = "other solves of the page"  # in a status, where time ends them
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     if found.best is None:
         return found
     if (second := _search_that_may_gain(request, found.best)) is not None:
-        other = _of_one_search(second, SoFar([], so_far.solved), update)
+        other = _of_one_search(second, SoFar([], so_far.solves), update)
         found = _better(found, other)
     check = partial(checked, executor=request.executor)
     found = best_certified(request, found, check)
@@ -123,7 +125,7 @@ def _of_one_search(request: Request, so_far: SoFar, update=None, known=()) -> Op
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(job.precision)
         again = from_scratch(replace(request, job=late))
-        other = _of_one_search(again, SoFar([], so_far.solved), update, solved)
+        other = _of_one_search(again, SoFar([], so_far.solves), update, solved)
         return replace(other, searched=seconds)
     return Optima(job, solved[0] if solved else None, solved, kept, starts, seconds)
 
@@ -142,14 +144,14 @@ def _updated_by_few(request, so_far) -> tuple:
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
     search = tracked_search(request, reduced_job(request), so_far.kept)
-    enough = False
-    with so_far.collecting() as mine, job.deadline.ending("an update by few starts"):
-        enough = updated_by_few(job, start, search.first(), search.second, mine)
-    solved = best_first(mine)
+    enough, solves = False, so_far.solves.part()
+    with job.deadline.ending("an update by few starts"):
+        enough = updated_by_few(job, start, search.first(), search.second, solves)
+    solved = solves.best_first()
     if solved:
         more = solved[0].solution.objective - start.objective
         words = ", no others are needed" if enough else ""
-        log.info("%d starts of an update: %.1f nats more%s", len(mine), more, words)
+        log.info("%d starts of an update: %.1f nats more%s", len(solved), more, words)
     return search, solved, enough
 
 
@@ -228,16 +230,12 @@ def _solved_page(
     known: solves from some of the starts, and whether these are enough.  No solves if
     the time limit came before the first one ended.
     """
-    job, solved, start = request.job_until(REFINEMENT_END), None, request.start
-    earlier = start if continues(start, job) else None
+    job, solves = request.job_until(REFINEMENT_END), so_far.solves.part(known)
+    earlier = request.start if continues(request.start, job) else None
 
     def from_starts(job, starts, known=()) -> list[Solved]:
         """Solve one job, whose solves compete with each other alone."""
-        own: list[Solved] = []
-        try:
-            return refined(job, starts, own, earlier, known)
-        finally:
-            mine.extend(own)
+        return refined(job, starts, solves.part(), earlier, known)
 
     def freed(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
@@ -245,18 +243,20 @@ def _solved_page(
         found = from_starts(free, [first] if alone else [first, *starts])
         return [s for s in found if s.job is free]
 
-    with so_far.collecting() as mine, job.deadline.ending("other solves of the page"):
-        mine += known
+    try:
         solved = known if enough else from_starts(job, starts, known)
         job = replace(job, reductions=solved[0].job.reductions)
-        check_finite(solved[0].problem, solved[0].solution)
-        job, solved = with_latency(job, solved)
-        if not newly_late(request.job, job):
-            job, solved = _with_larger_models(job, solved, freed)
-            solved = repaired(job, solved, update)
-    if solved is None:
-        solved = best_first(mine)
+    except OutOfTime:
+        job.deadline.omit(OTHER_SOLVES)
+        solved = solves.best_first()
         job = solved[0].job if solved else job
+    else:
+        with job.deadline.ending(OTHER_SOLVES):
+            check_finite(solved[0].problem, solved[0].solution)
+            job, solved = with_latency(job, solved)
+            if not newly_late(request.job, job):
+                job, solved = _with_larger_models(job, solved, freed)
+                solved = repaired(job, solved, update)
     return replace(job, deadline=request.job_until(CERTIFICATES_END).deadline), solved
 
 

@@ -19,7 +19,7 @@ from ..problem.unreduced import LEFT_OUT
 from ..search.hypothesis import Hypothesis, Job, same
 from ..search.local_solve import built_page, solved_from, start_values, transferred
 from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
-from ..search.solved import Solved, best_first
+from ..search.solved import Solved, Solves, best_first
 from ..solvers.solution import Solution
 
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -75,15 +75,15 @@ def of_more_samples(past: Solved, window, problem) -> Solution:
 
 def updated_by_few(
     job: Job, start, first: Sequence[Hypothesis], second: Callable[[], Hypothesis],
-    solved: list[Solved],
+    solves: Solves,
 ) -> bool:  # fmt: skip
     """Solve the page from few starts; tell whether these suffice.
 
     They do where the objective has hardly risen, since more data never cost less, and
     where a start of another source leads to the same optimum.  first: starts that
     continue the posterior; second(): another one, computed where it is asked for;
-    solved: an empty list for the solves, also where Ctrl-C or OutOfTime interrupts.
-    What certificates restored in the estimate stays restored.
+    solves: where they are added.  What certificates restored in the estimate stays
+    restored.
     """
     made = Reductions(**start.reductions)
     job = replace(job, cuts=start.cuts, reductions=made)
@@ -94,8 +94,8 @@ def updated_by_few(
 
     def solve(h: Hypothesis) -> Solved:
         values = past.values | start_values(problem, window, h)
-        solved.append(solved_from(job, h, built, [last], replace(past, values=values)))
-        return solved[-1]
+        begun = replace(past, values=values)
+        return solves.add(solved_from(job, h, built, [last], begun))
 
     best = best_first([solve(h) for h in first])[0]
     if still_explained(best, start):

@@ -10,7 +10,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from ..common.deadline import OutOfTime
 from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise, variance_left
 from ..geometry.transforms import is_planar
@@ -34,29 +33,23 @@ from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import repaired
 
 
-def refined(job, kept, solved, start=None, known=()) -> list[Solved]:
+def refined(job, kept, solves, start=None, known=()) -> list[Solved]:
     """Return the page solved from hypotheses, best first.
 
-    solved: a list to which the solves are added that there are when Ctrl-C or OutOfTime
-    interrupts; start: an estimate of this page that this one continues; known: solves
-    from some of the hypotheses.
+    solves: Solves, where they are added; start: an estimate of this page that this one
+    continues; known: solves from some of the hypotheses.
     """
     sized = job.shape.parameters == "sizes"
     required = required_reductions(job.page, Reductions())
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
-        flat, slid = replace(job, reductions=required), []
-        try:
-            found = refined(flat, kept, slid, start)
-            found = repaired(flat, found)
-        except (KeyboardInterrupt, OutOfTime):
-            solved += slid
-            raise
+        flat = replace(job, reductions=required)
+        found = repaired(flat, refined(flat, kept, solves.provisional(), start))
         if not sized or planar_certificate(flat, found[0]).holds:
             return _in_free_motion(job, found[: job.shape.hypotheses])
     start = start if sized else None
-    return _solved_promising(job, kept, solved, start, known)
+    return _solved_promising(job, kept, solves, start, known)
 
 
 def _in_free_motion(job, slid) -> list[Solved]:
@@ -67,7 +60,7 @@ def _in_free_motion(job, slid) -> list[Solved]:
     return best_first(freed_to_tilt(job, s) for s in slid)
 
 
-def _solved_promising(job, kept, solved, start, known) -> list[Solved]:
+def _solved_promising(job, kept, solves, start, known) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first ones, which continue `start`, explain the new data, they are solved
@@ -83,7 +76,7 @@ def _solved_promising(job, kept, solved, start, known) -> list[Solved]:
     close = promising[0].objective + UNCHANGED if few else np.inf
     first = [h for h in promising if h.objective <= close]
     again = [*known, *([] if start is None else solved_again(job, start))]
-    solved = multistart(job, first, levels, again, solved)
+    solved = multistart(job, first, levels, again, solves)
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
         rest = promising[len(first) :]

@@ -14,7 +14,6 @@ import numpy as np
 
 from formulations.indentation import NAME as COMPLIANCE
 
-from ..common.deadline import OutOfTime
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from .hypothesis import same
@@ -26,7 +25,7 @@ from .local_solve import (
     solved_from,
 )
 from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
-from .solved import best_first
+from .solved import Solves, best_first
 
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses
@@ -75,29 +74,25 @@ def levels_of(job):
     return freed_levels(page.LEVELS) if planar else page.LEVELS
 
 
-def multistart(job, hypotheses, levels, known=(), solved=None) -> list:
+def multistart(job, hypotheses, levels, known=(), solves=None) -> list:
     """Return the page solved from hypotheses, the best first, each optimum once.
 
     levels: of the page, solved in two rounds, the last one by itself; known: earlier
-    solves that the new ones compete with; solved: an empty list that holds what there
-    is when Ctrl-C or OutOfTime interrupts: results of the last level, else of those
-    before.
+    solves that the new ones compete with; solves: where results are added, those before
+    the last level as provisional ones.
     """
-    solved, rough, last = [] if solved is None else solved, [], levels[-1]
+    solves, last = solves or Solves(), levels[-1]
     levels = [ranking(level) for level in levels]
-    try:
-        with interruptible():
-            _multistart(job, hypotheses, levels, known, solved, rough)
-            if levels[-1] is not last:
-                _finish(job, last, known, solved)
-    except (KeyboardInterrupt, OutOfTime):
-        solved += [] if solved else rough
-        raise
-    return best_first(solved)
+    with interruptible():
+        _multistart(job, hypotheses, levels, known, solves)
+        if levels[-1] is not last:
+            _finish(job, last, known, solves.found)
+    return best_first(solves.found)
 
 
-def _multistart(job, hypotheses, levels, known, solved, rough) -> None:
-    """Fill `rough` with solves before the last level, `solved` with those after it."""
+def _multistart(job, hypotheses, levels, known, solves) -> None:
+    """Add solves before the last level as provisional ones, and those after it."""
+    solved, rough = solves.found, solves.provisional().found
     built = None  # each stage ends with a level that holds no poses
     stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
     stage_ends = [[] for _ in stages]

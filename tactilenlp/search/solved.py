@@ -141,6 +141,44 @@ def best_first(solved) -> list[Solved]:
     return sorted(solved, key=lambda s: s.rank)
 
 
+@dataclass(eq=False)
+class Solves:
+    """What was solved by now: what is left where Ctrl-C or a deadline ends the rest.
+
+    Each solve is added as it ends, to a collection that the caller holds.
+    """
+
+    found: list[Solved] = field(default_factory=list)
+    _parts: list[Solves] = field(default_factory=list)
+    _provisional: Solves | None = None
+
+    def add(self, solved: Solved) -> Solved:
+        """Add a solve, and return it."""
+        self.found.append(solved)
+        return solved
+
+    def part(self, known=()) -> Solves:
+        """Return a collection of its own, whose solves count as those here do."""
+        self._parts.append(Solves([*known]))
+        return self._parts[-1]
+
+    def provisional(self) -> Solves:
+        """Return a collection that counts as long as there is no other solve."""
+        self._provisional = Solves()
+        return self._provisional
+
+    def best_first(self) -> list[Solved]:
+        """Return the solves, the best first; provisional ones where these are all."""
+        return best_first(self._to_the_end() or self._rough())
+
+    def _to_the_end(self) -> list[Solved]:
+        return [*self.found, *(s for p in self._parts for s in p._to_the_end())]
+
+    def _rough(self) -> list[Solved]:
+        own = self._provisional.best_first() if self._provisional else []
+        return [*own, *(s for p in self._parts for s in p._rough())]
+
+
 def comparable(best: Solved, solved) -> list[Solved]:
     """Return the solves that converged, of the best one's motion, of some weight."""
     least = best.solution.objective + NEGLIGIBLE
