@@ -90,7 +90,7 @@ def test_the_solution_of_the_past_starts_a_problem_of_more_samples(asked, estima
     past = past_solution(request.job, estimate)
     (best, *_) = TrackedSearch(request.job, kept, 2).first()
     built = built_page(request.job, best)
-    begun = of_more_samples(past, built.window, built.problem)
+    begun = of_more_samples(past, built)
     new = built.window.push.sample >= estimate.measurements.samples
     assert new.any()
     fingers = begun.values["finger"]

@@ -16,7 +16,7 @@ from ..nlp.term_functions import TermFunctionCache
 from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import window_of
-from ..search.local_solve import in_motion_of, solved_from, start_values
+from ..search.local_solve import in_motion_of, solved_from
 from ..search.solved import BuiltPage, Solved, Solves
 from ..solvers.solution import evaluated, not_converged
 
@@ -53,9 +53,9 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     window, shape = window_of(job, (best.theta, best.x))
     problem = Problem(cache=TermFunctionCache(derive=False))
     job.page.build(problem, window, job.scene, shape)
-    values = start_values(problem, window, best)
-    solution = evaluated(problem, values, job.page.LEVELS[-1].parameters)
-    solved = Solved(best, BuiltPage(problem, window, best), solution, job)
+    built, parameters = BuiltPage(problem, window, best), job.page.LEVELS[-1].parameters
+    solution = evaluated(problem, built.values_at(best), parameters)
+    solved = Solved(best, built, solution, job)
     seconds = solution.seconds | {"search": spent, "total": spent}
     request, over = replace(request, job=job), replace(now, strict=True)
     return read_off(request, solved, (), seconds, over), solved

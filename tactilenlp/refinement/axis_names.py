@@ -17,7 +17,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from ..geometry.transforms import continuous, is_planar, matrices
 from ..problem.pages import FORMULATIONS, name_of
 from ..search.hypothesis import Hypothesis, rotation_at
-from ..search.local_solve import built_page, in_motion_of, start_values, warm_started
+from ..search.local_solve import built_page, in_motion_of, warm_started
 from ..search.margins import UNCHANGED
 from ..search.solved import Solved
 from ..solvers.solution import evaluated
@@ -96,8 +96,7 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     for order, S in namings(job.shape, best):
         probe = renamed(replace(best, theta=best.theta.mean() * UNEQUAL), order, S)
         built = built_page(job, probe)
-        probe = in_motion_of(job, probe)
-        start = start_values(built.problem, built.window, probe)
+        start = built.values_at(in_motion_of(job, probe))
         cost = evaluated(built.problem, start).objective
         if all(abs(cost - other) > UNCHANGED for other in costs):
             kept.append([renamed(h, order, S) for h in hypotheses])

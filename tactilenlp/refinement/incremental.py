@@ -17,9 +17,9 @@ from ..problem.pages import name_of
 from ..problem.reductions import Reductions
 from ..problem.unreduced import LEFT_OUT
 from ..search.hypothesis import Hypothesis, Job, same
-from ..search.local_solve import built_page, solved_from, start_values, transferred
+from ..search.local_solve import built_page, solved_from, transferred
 from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
-from ..search.solved import Solved, Solves, best_first
+from ..search.solved import BuiltPage, Solved, Solves, best_first
 from ..solvers.solution import Solution
 
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -63,14 +63,14 @@ def past_solution(job: Job, start) -> Solved:
     return Solved(start.origin, built, solution, job)
 
 
-def of_more_samples(past: Solved, window, problem) -> Solution:
-    """Return a solution as the start of a problem of more samples.
+def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
+    """Return a solution as the start of a page of more samples.
 
     The page guesses what the new ones have, whose multipliers are zero.
     """
-    missing = np.full(len(window.pose) - len(past.window.pose), -1)
+    missing = np.full(len(built.window.pose) - len(past.window.pose), -1)
     known = replace(past.window, pose=np.r_[past.window.pose, missing])
-    return transferred(past.with_window(known), window, problem)
+    return transferred(past.with_window(known), built)
 
 
 def updated_by_few(
@@ -88,12 +88,11 @@ def updated_by_few(
     made = Reductions(**start.reductions)
     job = replace(job, cuts=start.cuts, reductions=made)
     built = built_page(job, first[0])
-    problem, window = built.problem, built.window
-    past = of_more_samples(past_solution(job, start), window, problem)
+    past = of_more_samples(past_solution(job, start), built)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": UPDATE_MU})
 
     def solve(h: Hypothesis) -> Solved:
-        values = past.values | start_values(problem, window, h)
+        values = past.values | built.values_at(h)
         begun = replace(past, values=values)
         return solves.add(solved_from(job, h, built, [last], begun))
 

@@ -27,7 +27,7 @@ from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import continued, start_values, warm_started
+from ..search.local_solve import continued, warm_started
 from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
 from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
 from ..search.solved import BuiltPage, Solved, best_first
@@ -179,9 +179,9 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
             k: v for k, v in past.solution.values.items()
             if v.size == 1 and k in problem.variables
         }  # fmt: skip
-        known |= start_values(problem, window, h)
-        solution = after(solution, solve_levels(problem, levels, known, options))
         built = BuiltPage(problem, window, h)
+        known |= built.values_at(h)
+        solution = after(solution, solve_levels(problem, levels, known, options))
         h = Solved(h, built, solution, job).at
     return Solved(h, built, solution, job)
 
@@ -190,9 +190,10 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
     h, turn = with_axes_of_ground(new.hypothesis)
 
-    def start(past, window, problem) -> Solution:
+    def start(past, built) -> Solution:
+        window = built.window
         past, last = on_legs(past, window), on_legs(new, window)
-        solution = of_more_samples(past, window, problem)
+        solution = of_more_samples(past, built)
         values = solution.values
         values[BALL][:3] = turn @ values[BALL][:3]
         values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]

@@ -180,9 +180,8 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     that are far off are outliers, which cost the same wherever they are.
     """
     built = built_page(job, solved.hypothesis)
-    problem = built.problem
-    x = problem.pack(transferred(solved, built.window, problem).values)
-    variable = problem.variables[unknown]
+    problem, values = built.problem, transferred(solved, built).values
+    x, variable = problem.pack(values), problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
     scale, gains = np.tile(variable.scale, variable.columns), []
@@ -207,8 +206,8 @@ def score(job, solved: Solved, unknown: str) -> float:
     indefinite, such a step may raise it: none is gained.
     """
     built = built_page(job, solved.hypothesis)
-    problem = built.problem
-    kkt = kkt_system_of(problem, transferred(solved, built.window, problem))
+    problem, begun = built.problem, transferred(solved, built)
+    kkt = kkt_system_of(problem, begun)
     own = np.arange(problem.size)[problem.variables[unknown].span]
     slope = kkt_residual(problem, kkt)[0][own]
     return max(0.0, float(slope @ kkt.sensitivity(own)[0][own] @ slope / 2))

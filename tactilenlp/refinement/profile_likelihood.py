@@ -42,7 +42,7 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis, resized, rotation_at
-from ..search.local_solve import RANKING_TOLERANCE, start_values
+from ..search.local_solve import RANKING_TOLERANCE
 from ..search.margins import PROFILE_RISE
 from ..search.solved import Solved, settings_of
 from ..solvers.solve import solve_levels
@@ -180,7 +180,7 @@ def _constrained(job, solved, chosen, axis, direction, touched) -> Callable:
             values = problem.unpack(x)
         else:
             moved = resized(latest.at, axis, x[held], touched)
-            values = values | start_values(problem, solved.window, moved)
+            values = values | solved.built.values_at(moved)
         start = replace(latest.solution, values=values)
         settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
         found = solve_levels(problem, (level,), start, settings, solvers)

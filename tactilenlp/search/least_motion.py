@@ -24,7 +24,7 @@ from ..solvers.options import SolverOptions
 from ..solvers.solve import solve_levels
 from ..tracking.geometry import geometry_of
 from .hypothesis import Hypothesis, Job, same
-from .local_solve import built_page, start_values
+from .local_solve import built_page
 from .margins import LEAST_MOTION_BEHIND
 from .solved import LEVEL_TIME
 
@@ -112,7 +112,6 @@ def _solved(job: Job, tracks) -> list[Hypothesis]:
 
 def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
     built = built_page(replace(job, page=quasi_static))
-    problem, window = built.problem, built.window
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)
     for h in tracks:
@@ -121,9 +120,9 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
             continue
         left = min(LEVEL_TIME, max(0.05, job.deadline.left))
         options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
-        start = start_values(problem, window, h)
-        s = solve_levels(problem, (level,), start, options, built.solvers)
-        theta, x = s.values["theta"][:, 0], s.values["x"][:, window.pose]
+        start = built.values_at(h)
+        s = solve_levels(built.problem, (level,), start, options, built.solvers)
+        theta, x = s.values["theta"][:, 0], s.values["x"][:, built.window.pose]
         offset = s.values.get(OFFSET)
         yield Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
 
@@ -135,15 +134,15 @@ def from_posterior(job: Job, kept) -> list[tuple[np.ndarray, np.ndarray]]:
     the poses in these.  The job holds the data of the hypotheses' samples.
     """
     built = built_page(replace(job, page=quasi_static))
-    problem, window = built.problem, built.window
-    data, scale, out = problem.data(WEAK_MOTION), problem.scale, []
+    problem, window, out = built.problem, built.window, []
+    data, scale = problem.data(WEAK_MOTION), problem.scale
     n, m = job.shape.theta, window.motion.unknowns
     theta, poses = (problem.variables[name].span for name in ("theta", "x"))
     geometry = geometry_of(job.shape)
     most, least = (geometry.each(*s) for s in (SIGMA_MAX, SIGMA_MIN))
     end = np.r_[theta, poses.stop - m : poses.stop]
     for h in kept:
-        x = problem.pack(start_values(problem, window, h))
+        x = problem.pack(built.values_at(h))
         H = sum(problem.hessian(name, x, data) for name in problem.costs).toarray()
         values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
         vectors = vectors * scale[:, None]

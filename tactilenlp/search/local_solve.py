@@ -9,11 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from formulations.finger_offset import NAME as OFFSET
 from formulations.rigid_body import PLANAR
 
 from ..geometry.tipping import planar_to_free
-from ..problem.pages import check_unknowns
 from ..problem.polytope_window import window_of
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
@@ -43,17 +41,6 @@ def built_page(job: Job, hypothesis=None) -> BuiltPage:
     return BuiltPage(problem, window, hypothesis, time.process_time() - began)
 
 
-def start_values(problem, window, h: Hypothesis) -> dict:
-    """Return where a solve starts: the hypothesis as unknowns of the problem."""
-    check_unknowns(problem, h.theta, h.x[:, window.last])
-    theta = problem.variables["theta"]
-    theta = h.theta.reshape(theta.columns, theta.rows).T
-    start = {"theta": theta, "x": h.x[:, window.last]}
-    if h.offset is not None and OFFSET in problem.variables:
-        start[OFFSET] = h.offset
-    return start
-
-
 # Solves from a hypothesis
 
 
@@ -72,7 +59,7 @@ def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved
     """
     hypothesis = in_motion_of(job, hypothesis)
     built = built or built_page(job, hypothesis)
-    start = before or start_values(built.problem, built.window, hypothesis)
+    start = before or built.values_at(hypothesis)
     first, *later = grouped(levels or job.page.LEVELS, lambda _, level: level.rebuild)
     solved = built.solved(job, first, start, hypothesis, before)
     return _rebuilt_for(job, solved, later)
@@ -81,13 +68,13 @@ def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved
 # Warm starts: values and multipliers of an earlier solution
 
 
-def transferred(known: Solved, window, problem) -> Solution:
+def transferred(known: Solved, built: BuiltPage) -> Solution:
     """Return a solution as the start of another problem of the same data, or of more.
 
     Values and multipliers of what both problems have are kept; the page guesses the
     values of the rest, whose multipliers are zero.
     """
-    values, bounds, multipliers = transferred_values(known, window, problem)
+    values, bounds, multipliers = transferred_values(known, built.window, built.problem)
     return replace(
         known.solution, values=values, bound_multipliers=bounds, multipliers=multipliers
     )
@@ -101,12 +88,12 @@ def warm_started(
 
     known: solved with other reductions, or with less data; mu_init: of IPOPT;
     hypothesis: at which the problem is built, by default that of `known`;
-    start(known, window, problem): the Solution to start from.
+    start(known, built): the Solution to start from.
     """
     built = built_page(job, hypothesis or known.hypothesis)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": mu_init})
-    given = start(known, built.window, built.problem)
-    return replace(built.solved(job, (last,), given), declined=known.declined)
+    solved = built.solved(job, (last,), start(known, built))
+    return replace(solved, declined=known.declined)
 
 
 def freed_to_tilt(job, slid: Solved) -> Solved:
@@ -168,5 +155,5 @@ def _rebuilt(job, solved, levels) -> Solved:
     built = built_page(job, h)
     values, _, _ = transferred_values(solved, built.window, built.problem)
     kept = {name: v for name, v in values.items() if name not in RESTARTED}
-    start = kept | start_values(built.problem, built.window, h)
+    start = kept | built.values_at(h)
     return built.solved(job, levels, start, before=solved.solution)

@@ -23,8 +23,8 @@ from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
-from .local_solve import start_values
 from .multi_hypothesis import TrackedSearch, tracked_paths
+from .solved import BuiltPage
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -199,11 +199,12 @@ def _costs(job, found) -> list[float]:
     every = Reductions(still=False, far=False, absent=True, planar=False)
     window = reduce(job.data, job.scene, job.shape, job.precision, every)
     problem = replace(job, page=quasi_static).build(window)
+    built = BuiltPage(problem, window, None)
     data = problem.data(quasi_static.LEVELS[0].parameters)
     names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
 
     def cost(h):
-        x = problem.pack(start_values(problem, window, h))
+        x = problem.pack(built.values_at(h))
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
     return [cost(h) for h in found]

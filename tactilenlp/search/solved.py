@@ -15,6 +15,7 @@ from ..information.information import FACE_COSINE, optimum_of
 from ..information.mixture import LocalOptimum
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
+from ..problem.pages import check_unknowns
 from ..problem.poses import poses
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
@@ -43,6 +44,16 @@ class BuiltPage:
     def solvers(self) -> Solvers:
         """The solvers of the problem, kept for further solves."""
         return Solvers(self.problem)
+
+    def values_at(self, h: Hypothesis) -> dict:
+        """Return where a solve starts: a hypothesis as unknowns of the problem."""
+        x = h.x[:, self.window.last]
+        check_unknowns(self.problem, h.theta, x)
+        theta = self.problem.variables["theta"]
+        values = {"theta": h.theta.reshape(theta.columns, theta.rows).T, "x": x}
+        if h.offset is not None and OFFSET in self.problem.variables:
+            values[OFFSET] = h.offset
+        return values
 
     def solved(self, job, levels, start, hypothesis=None, before=None) -> Solved:
         """Return the page solved along some levels, from values or from a Solution.

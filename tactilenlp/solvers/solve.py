@@ -41,22 +41,9 @@ class Solvers:
         key = (*sorted(options.ipopt.items()), options.tolerance, options.time_limit)
         key += (eliminate, warm)
         if key not in self.by_options:
-            self.by_options[key] = self.made(options, eliminate, warm)
+            made = make_solver(self.problem, options, eliminate, warm, self)
+            self.by_options[key] = made
         return self.by_options[key]
-
-    def made(self, options: SolverOptions, eliminate=False, warm=False):
-        """Return a new solver; see `make_solver`."""
-        problem = self.problem  # a solver that held these solvers would be a cycle
-
-        def ipopt(seconds: float):
-            limited = replace(options, time_limit=seconds)
-            return make_ipopt(problem, limited, eliminate, warm)
-
-        programme = self.programme(options, eliminate)
-        if programme is None:
-            return ipopt(options.time_limit)
-        settings = Settings(**{**options.named(warm), **options.ipopt})
-        return InteriorPoint(programme, settings, ipopt)
 
     def programme(self, options: SolverOptions, eliminate=False) -> tuple | None:
         """Return what our method solves; None where only IPOPT can.
@@ -78,13 +65,23 @@ class Solvers:
         return a, CondensedKkt(a.hessian, a.jacobian, equal)
 
 
-def make_solver(problem, options: SolverOptions, eliminate=False, warm=False):
+def make_solver(problem, options, eliminate=False, warm=False, solvers=None):
     """Return what solves this problem, called as a CasADi solver.
 
     The interior-point method of this package where there are few equations and no
-    options that only IPOPT has, else IPOPT.
+    options that only IPOPT has, else IPOPT.  options: SolverOptions; solvers: Solvers
+    of the problem, which share a programme.
     """
-    return Solvers(problem).made(options, eliminate, warm)
+
+    def ipopt(seconds: float):  # it holds no `solvers`: these hold it
+        limited = replace(options, time_limit=seconds)
+        return make_ipopt(problem, limited, eliminate, warm)
+
+    programme = (solvers or Solvers(problem)).programme(options, eliminate)
+    if programme is None:
+        return ipopt(options.time_limit)
+    settings = Settings(**{**options.named(warm), **options.ipopt})
+    return InteriorPoint(programme, settings, ipopt)
 
 
 def make_ipopt(problem, options: SolverOptions, eliminate=False, warm=False):
