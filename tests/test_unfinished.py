@@ -97,6 +97,21 @@ def test_a_page_solved_flat_is_left_until_one_is_solved_in_free_motion(
     assert found.reductions["planar"]
 
 
+def test_a_page_solved_in_free_motion_is_left_before_its_certificates(
+    recorded, pressed
+):
+    from tactilenlp.refinement import certification
+
+    data, scene, _ = recorded
+    pressed(certification, "certify", 0)
+    free = replace(QUICK, without="planar")
+    with pytest.raises(Interrupted) as stop:
+        solve_estimate(data.select([0]), scene, options=free)
+    found = stop.value.estimate
+    assert found.formulation == "violation_implicit"
+    assert not found.reductions["planar"]
+
+
 @pytest.mark.slow
 def test_rough_levels_of_a_multistart_are_better_than_least_motion(recorded, pressed):
     from tactilenlp.search import multistart

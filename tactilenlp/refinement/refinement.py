@@ -47,17 +47,17 @@ def refined(job, kept, solves, start=None, known=()) -> list[Solved]:
         flat = replace(job, reductions=required)
         found = repaired(flat, refined(flat, kept, solves.provisional(), start))
         if not sized or planar_certificate(flat, found[0]).holds:
-            return _in_free_motion(job, found[: job.shape.hypotheses])
+            return _in_free_motion(job, found[: job.shape.hypotheses], solves)
     start = start if sized else None
     return _solved_promising(job, kept, solves, start, known)
 
 
-def _in_free_motion(job, slid) -> list[Solved]:
+def _in_free_motion(job, slid, solves) -> list[Solved]:
     """Return the page in free motion, from planar solves that are close to the best."""
     ends = [s.at for s in slid]
     near = distinct(job.shape, ends, len(ends), DECISIVE)
     slid = [s for s, end in zip(slid, ends, strict=True) if end in near]
-    return best_first(freed_to_tilt(job, s) for s in slid)
+    return best_first(solves.add(freed_to_tilt(job, s)) for s in slid)
 
 
 def _solved_promising(job, kept, solves, start, known) -> list[Solved]:
@@ -80,7 +80,7 @@ def _solved_promising(job, kept, solves, start, known) -> list[Solved]:
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
         rest = promising[len(first) :]
-        others = multistart(job, rest, levels, known=solved)
+        others = multistart(job, rest, levels, solved, solves.part())
         solved = best_first([*solved, *others])
     good = [s for s in solved if s.solution.success]
     bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
@@ -88,7 +88,7 @@ def _solved_promising(job, kept, solves, start, known) -> list[Solved]:
     lost = lost and levels is not job.page.LEVELS
     if lost and not job.deadline.passed("the page's own levels"):
         # Slower: they hold poses first.
-        good = [*good, solved_from(job, solved[0].hypothesis)]
+        good = [*good, solves.add(solved_from(job, solved[0].hypothesis))]
     return best_first(good or solved)
 
 
