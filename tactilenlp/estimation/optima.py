@@ -22,7 +22,7 @@ from ..refinement.certification import checked, with_profiles
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
 from ..refinement.model_selection import most_probable
-from ..refinement.nested_models import NUISANCES, with_nuisance_parameters
+from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.newton_steps import (
     as_found,
     newly_late,
@@ -167,8 +167,8 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
-    predicted.  solved: the job of a solve of all actions, where it begins: with that
-    latency and what is free there.  None if time ends it.
+    predicted.  solved: the job of a solve of all actions, whose ground and latency it
+    begins with.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
     doubtful = request.job.shape.parameters == "sizes"
@@ -179,9 +179,7 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
     for job in parts:
         if not _in_time(request):
             return None
-        free = {name: getattr(solved.reductions, name) for name in NUISANCES}
-        job = as_found(job, solved).with_reductions(**free)
-        part = replace(request, job=job)
+        part = replace(request, job=as_found(job, solved))
         found = _of_one_search(part, SoFar(list(kept)))
         if found.best is None:
             return None
