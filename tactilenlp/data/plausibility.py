@@ -65,7 +65,8 @@ def log_likelihood(record: Record, terms: Sequence[str] | None = None) -> dict:
 def most_log_likelihood(record: Record, terms: Sequence[str]) -> float:
     """Return an upper bound of the sum of these terms, the events as they are [nats].
 
-    All but onsets, and kinks, which are none of them, are logarithms of probabilities.
+    terms: without "kinks", which have no bound.  All others but onsets are logarithms
+    of probabilities.
     """
     onsets_of_record = len(record.events.onset[0]) * ("onsets" in terms)
     return onsets_of_record * float(_mixed(LARGEST_ONSET, AGAINST_NORMAL))
