@@ -30,6 +30,7 @@ class Solve:
     at: object = None
     job: object = None
     problem: object = None
+    kkt: object = None
 
 
 def solve(objective, success=True, job=None):

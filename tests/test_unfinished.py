@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -82,34 +83,21 @@ def test_solved_pages_are_left_as_they_are(recorded, pressed, tmp_path):
     assert Estimate.load(tmp_path / "unfinished.npz").status == found.status
 
 
+@pytest.mark.parametrize(
+    ("module", "name", "flat"),
+    [("refinement", "freed_to_tilt", True), ("certification", "certify", False)],
+)
 def test_a_page_solved_flat_is_left_until_one_is_solved_in_free_motion(
-    recorded, pressed
+    recorded, pressed, module, name, flat
 ):
-    from tactilenlp.refinement import refinement
-
     data, scene, _ = recorded
-    pressed(refinement, "freed_to_tilt", 0)
+    pressed(import_module(f"tactilenlp.refinement.{module}"), name, 0)
     free = replace(QUICK, without="planar")
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data.select([0]), scene, options=free)
     found = stop.value.estimate
     assert found.formulation == "violation_implicit"
-    assert found.reductions["planar"]
-
-
-def test_a_page_solved_in_free_motion_is_left_before_its_certificates(
-    recorded, pressed
-):
-    from tactilenlp.refinement import certification
-
-    data, scene, _ = recorded
-    pressed(certification, "certify", 0)
-    free = replace(QUICK, without="planar")
-    with pytest.raises(Interrupted) as stop:
-        solve_estimate(data.select([0]), scene, options=free)
-    found = stop.value.estimate
-    assert found.formulation == "violation_implicit"
-    assert not found.reductions["planar"]
+    assert found.reductions["planar"] == flat
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 from formulations.rigid_body import ARM
 
 from ..common.brief import printed
-from ..nlp.kkt import kkt_system_of
+from ..nlp.kkt import KKTSystem
 from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose
 from .tangent_space import widest_deviations
 
@@ -141,17 +141,16 @@ def occam_factor(covariance, prior) -> float:
     return float(-np.log(shares).sum() / 2)
 
 
-def occam_of(problem, solution, name: str) -> float:
+def occam_of(kkt: KKTSystem, name: str) -> float:
     """Return what the evidence loses by one unknown of a page, by its name [nats].
 
     Its information before the data is that of the page's priors; its covariance is
     marginal: shape, poses and impulses are as open as they are.
     """
-    rows = np.arange(problem.size)[problem.variables[name].span]
-    at = solution.at(problem)
+    problem, at, covariance = kkt.problem, (kkt.x, kkt.data), kkt.marginal(name)
+    own = problem.variables[name].span
     priors = (k.name for k in problem.costs.values() if k.role == "prior")
-    known = sum(problem.hessian(name, *at)[rows][:, rows].toarray() for name in priors)
-    covariance = kkt_system_of(problem, solution).sensitivity(rows)[0][rows]
+    known = sum(problem.hessian(prior, *at)[own][:, own].toarray() for prior in priors)
     return occam_factor((covariance + covariance.T) / 2, known)
 
 

@@ -151,6 +151,11 @@ class KKTSystem:
         by_constraint[self.rows] = multipliers / self.lengths[:, None]
         return scale[:, None] * answer[:n], by_constraint
 
+    def marginal(self, name: str) -> np.ndarray:
+        """Return the covariance of a variable, all others free, by the Hessian, SI."""
+        own = np.arange(len(self.x))[self.problem.variables[name].span]
+        return self.sensitivity(own)[0][own]
+
     def moved(self, gradient: np.ndarray) -> np.ndarray:
         """Return how all unknowns (unknowns,) move if the gradient of L changes, SI."""
         right = np.zeros(len(self.x) + self.A.shape[0])

@@ -60,8 +60,7 @@ def with_profiles(best) -> Solved:
         return best
     profile, better = profiled(job, best)
     if better is not None:
-        again = warm_started(job, better, PROFILE_MU)
-        again = certified(job, replace(again, declined=best.declined))
+        again = certified(job, warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
         profile, _ = profiled(job, best, seeks=False)
     return replace(best, profile=profile)

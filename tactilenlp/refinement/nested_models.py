@@ -151,8 +151,7 @@ def _compared(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
 
 def _needed(larger: Solved, nuisance: Nuisance, spread: float) -> float:
     """Return what a larger model must gain [nats]."""
-    occam = occam_of(larger.problem, larger.solution, nuisance.unknown)
-    return needed_gain(spread, occam)
+    return needed_gain(spread, occam_of(larger.kkt, nuisance.unknown))
 
 
 def _with_open_height(job, freed) -> list[Solved]:
@@ -208,9 +207,8 @@ def score(job, solved: Solved, unknown: str) -> float:
     built = built_page(job, solved.hypothesis)
     problem, begun = built.problem, transferred(solved, built)
     kkt = kkt_system_of(problem, begun)
-    own = np.arange(problem.size)[problem.variables[unknown].span]
-    slope = kkt_residual(problem, kkt)[0][own]
-    return max(0.0, float(slope @ kkt.sensitivity(own)[0][own] @ slope / 2))
+    slope = kkt_residual(problem, kkt)[0][problem.variables[unknown].span]
+    return max(0.0, float(slope @ kkt.marginal(unknown) @ slope / 2))
 
 
 def wald(solved: Solved, unknown: str) -> float:
@@ -219,12 +217,11 @@ def wald(solved: Solved, unknown: str) -> float:
     By its Hessian: half of Wald's statistic (1943).  Of compliance, whose objective
     rises ever faster towards zero, it is the least; at its bound it is zero already.
     """
-    problem, kkt = solved.problem, kkt_system_of(solved.problem, solved.solution)
+    kkt = solved.kkt
     if kkt.active[f"bounds of {unknown}"]:
         return 0.0
-    own = np.arange(problem.size)[problem.variables[unknown].span]
-    covariance = kkt.sensitivity(own)[0][own]
-    return float(kkt.x[own] @ np.linalg.solve(covariance, kkt.x[own]) / 2)
+    value = kkt.x[solved.problem.variables[unknown].span]
+    return float(value @ np.linalg.solve(kkt.marginal(unknown), value) / 2)
 
 
 NUISANCES = {  # by reduction, in the order in which they are freed

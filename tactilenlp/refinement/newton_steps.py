@@ -27,7 +27,6 @@ from ..information.error_budget import Linearisation
 from ..information.measurement_noise import Sensed
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
-from ..nlp.kkt import kkt_system_of
 from ..search.local_solve import continued, warm_started
 from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
 from ..search.solved import Solved, best_first
@@ -78,7 +77,7 @@ def with_ground_for_turns(job, solved) -> tuple:
         return job, solved
     leans = replace(leans, declined=best.declined)
     leans = _turned_by_steps(leans, UNCHANGED)
-    occam = occam_of(best.problem, best.solution, TURN)
+    occam = occam_of(best.kkt, TURN)
     if leans.cost > best.cost + occam:
         return job, solved
     log.info("not the sensors are turned, the ground leans by %s rad",
@@ -92,11 +91,10 @@ def _common_turn(solved: Solved) -> np.ndarray:
     Weighted by what touches tell of each: a finger's turn about the normals that it
     felt is told by its prior alone.
     """
-    problem, solution = solved.problem, solved.solution
-    w = solution.values[TURN].T.ravel()
-    rows = np.arange(problem.size)[problem.variables[TURN].span]
-    covariance = kkt_system_of(problem, solution).sensitivity(rows)[0][rows]
-    information = np.linalg.inv(covariance) - np.eye(len(w)) / PRIOR_TURN**2
+    w = solved.solution.values[TURN].T.ravel()
+    information = (
+        np.linalg.inv(solved.kkt.marginal(TURN)) - np.eye(len(w)) / PRIOR_TURN**2
+    )
     alike = np.tile(np.eye(3)[:, :2], (len(w) // 3, 1))
     weight = alike.T @ (information + information.T) / 2
     return np.linalg.lstsq(weight @ alike, weight @ w)[0]
@@ -110,8 +108,7 @@ def _turned_by_steps(best: Solved, needed) -> Solved:
     for _ in range(MAX_TILTS):
         job, ground = best.job, best.job.scene.ground
         given = best.window, job.data, job.scene, _first_touched(best)
-        kkt = kkt_system_of(best.problem, best.solution)
-        tilt = ground_tilt(kkt, job.build, *given)
+        tilt = ground_tilt(best.kkt, job.build, *given)
         if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
         if job.deadline.passed("a tilt of the ground"):
@@ -226,9 +223,9 @@ def _late_by_steps(best: Solved) -> tuple[Solved, Doubt]:
 
 def _doubt_at(solved: Solved) -> Doubt:
     """Return what is known of the latency at a solve."""
-    job, kkt = solved.job, kkt_system_of(solved.problem, solved.solution)
+    job = solved.job
     sensed = Sensed(job.data, job.precision, job.build, job.scene)
-    return late_touches(Linearisation(kkt, sensed, solved.window, job.shape))
+    return late_touches(Linearisation(solved.kkt, sensed, solved.window, job.shape))
 
 
 def _close(solved) -> list[Solved]:

@@ -40,7 +40,6 @@ from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
-from ..nlp.kkt import kkt_system_of
 from ..search.hypothesis import Hypothesis, resized, rotation_at
 from ..search.local_solve import RANKING_TOLERANCE
 from ..search.margins import PROFILE_RISE
@@ -73,7 +72,7 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     if faces is None:
         return profile, None
     chosen = final_unknowns(solved.problem)
-    by_gradient, _ = kkt_system_of(solved.problem, solved.solution).sensitivity(chosen)
+    by_gradient, _ = solved.kkt.sensitivity(chosen)
     variance = np.diag(by_gradient[chosen])
     # Not positive where the Hessian is indefinite: it tells nothing, `known` is inf.
     known = np.sqrt(np.where(variance > 0, variance, np.inf))

@@ -124,8 +124,9 @@ def _tilts(shape, theta, x, window) -> np.ndarray:
         return vstack([change, csr_matrix(places, (3 * len(touch), 2 * poses))])
 
     # Unscaled, the rows of tilts as actions begin take 1800 steps instead of 11.
-    problem = residuals, np.zeros(2 * poses), jacobian
-    found = least_squares(*problem, loss="soft_l1", x_scale="jac")
+    found = least_squares(
+        residuals, np.zeros(2 * poses), jacobian, loss="soft_l1", x_scale="jac"
+    )
     return found.x.reshape(2, poses)
 
 

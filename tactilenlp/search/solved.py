@@ -13,6 +13,7 @@ from ..data.ground import frame_of
 from ..geometry.faces import touched_faces
 from ..information.information import FACE_COSINE, optimum_of
 from ..information.mixture import LocalOptimum
+from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
 from ..problem.pages import check_unknowns
@@ -138,6 +139,11 @@ class Solved:
             offset=values.get(OFFSET),
             objective=self.solution.objective,
         )
+
+    @cached_property
+    def kkt(self) -> KKTSystem:
+        """The KKT system at the solution, factorised once for all that ask for it."""
+        return kkt_system_of(self.problem, self.solution)
 
     @cached_property
     def optimum(self) -> LocalOptimum:
