@@ -75,7 +75,7 @@ def test_the_papers_link_of_a_pose_with_itself_is_the_identity(programme):
 
 def test_the_papers_information_is_eq_obsinfo_summed_by_hand(programme):
     """Slopes by differences; a past turn counts by half angles: cos over cos."""
-    problem, window, shape = programme.problem, programme.window, programme.shape
+    problem, window, shape = programme.problem, programme.window, programme.job.shape
     theta, x = (programme.solution.values[name] for name in ("theta", "x"))
     alpha, sigma = (
         float(problem.parameters[name].value[0]) for name in ("alpha", "normal scale")

@@ -24,7 +24,7 @@ def programme(estimate):
 @pytest.fixture(scope="module")
 def doubt(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
-    at = Linearisation(kkt, programme.sensed, programme.window, programme.shape)
+    at = Linearisation(kkt, programme.job, programme.window)
     return kkt, at.doubts["late touches"]
 
 
@@ -33,10 +33,10 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
     chosen = programme.tangent.chosen
     pulls, _ = kkt.sensitivity(chosen)
     told = -pulls.T @ late.slope
-    sensed, ends = programme.sensed, []
+    job, ends = programme.job, []
     for lag in (LATE, -LATE):
-        window = fingers_earlier(programme.window, sensed.data, lag)
-        problem = sensed.build(window)
+        window = fingers_earlier(programme.window, job.data, lag)
+        problem = job.build(window)
         start = programme.solution.values
         options = SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
         found = solve(problem, options, start=start)
@@ -49,7 +49,7 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
 def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
     kkt, late = doubt
     window, problem = programme.window, programme.problem
-    at = Linearisation(kkt, programme.sensed, window, programme.shape)
+    at = Linearisation(kkt, programme.job, window)
     v, _, ahead = at.motions.T
     assert not ahead.any()
     v = v[problem.variables["x"].span].reshape(-1, 3)

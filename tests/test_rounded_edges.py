@@ -43,7 +43,7 @@ def test_a_cuboid_with_rounded_edges_has_the_same_faces_and_is_smaller_at_edges(
 def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(estimate):
     scene, programme = estimate.scene, programme_at(estimate)
     window, kkt = programme.window, kkt_system_of(programme.problem, programme.solution)
-    at = Linearisation(kkt, programme.sensed, window, CUBOID)
+    at = Linearisation(kkt, programme.job, window)
     theta = kkt.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
     by_gradient, _ = kkt.sensitivity(chosen)

@@ -137,7 +137,7 @@ def test_sensitivity_is_what_solving_again_gives(
     step, ends = 2e-3 * getattr(owner, name), []
     for side in (1, -1):
         changed = replace(owner, **{name: getattr(owner, name) + side * step})
-        build = programme.sensed.build
+        build = programme.job.build
         problem = build(window, changed) if owner is scene else build(changed)
         solution = solve(
             problem, SolverOptions(tolerance=1e-10, barrier=1e-9, push=1e-9),
@@ -245,13 +245,13 @@ def test_the_face_that_a_body_stands_on_is_known_on_ground_that_leans():
 
 
 def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):
-    data, window = programme.sensed.data, programme.window
+    data, window = programme.job.data, programme.window
     (samples, finger), touch = touches(window, data)[0], window.touch
     mine = np.isin(touch.sample, samples) & (touch.finger == finger)
     p_wf = touch.p_wf + 2e-3 * mine[:, None] * touch.normal
     moved = replace(window, touch=replace(touch, p_wf=p_wf))
-    before = gaps_of_touches(kkt, window, programme.shape, data)
-    after = gaps_of_touches(kkt, moved, programme.shape, data)
+    before = gaps_of_touches(kkt, window, programme.job.shape, data)
+    after = gaps_of_touches(kkt, moved, programme.job.shape, data)
     assert before.max() < 0.1e-3  # this recording contradicts itself nowhere
     assert after[0] == pytest.approx(2e-3, abs=0.1e-3)
     assert np.allclose(after[1:], before[1:])
@@ -260,8 +260,7 @@ def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):
 def test_what_keeps_the_matrix_regular_counts_as_a_prior(programme, kkt, monkeypatch):
     chosen = np.arange(3)
     by_gradient, _ = kkt.sensitivity(chosen)
-    given = programme.sensed, programme.window, programme.shape
-    at = Linearisation(kkt, *given).response(chosen, np.eye(3))
+    at = Linearisation(kkt, programme.job, programme.window).response(chosen, np.eye(3))
     errors = error_budget(at)
     monkeypatch.setattr(
         "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",

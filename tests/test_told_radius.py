@@ -27,7 +27,7 @@ WRONG = 0.3e-3  # [m]
 def test_the_error_by_a_radius_is_how_the_optimum_moves_with_it(estimate):
     programme = programme_at(estimate)
     kkt = kkt_system_of(programme.problem, programme.solution)
-    at = Linearisation(kkt, programme.sensed, programme.window, programme.shape)
+    at = Linearisation(kkt, programme.job, programme.window)
     doubt, chosen = at.doubts[f"{RADIUS_OF}1"], programme.tangent.chosen
     told = -kkt.sensitivity(chosen)[0].T @ doubt.slope
     window, ends = programme.window, []
@@ -37,7 +37,7 @@ def test_the_error_by_a_radius_is_how_the_optimum_moves_with_it(estimate):
             for name in ("touch", "free")
             for rows in [getattr(window, name)]
         }
-        problem = programme.sensed.build(replace(window, **parts))
+        problem = programme.job.build(replace(window, **parts))
         options = SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
         found = solve(problem, options, start=programme.solution.values)
         assert found.success

@@ -63,8 +63,7 @@ def programme(estimate):
 def test_paths_of_other_optima_and_carried_errors_add_up(programme):
     again = programme
     at = Linearisation(
-        kkt_system_of(again.problem, again.solution), again.sensed, again.window,
-        again.shape,
+        kkt_system_of(again.problem, again.solution), again.job, again.window
     )  # fmt: skip
     none = np.zeros(3), np.zeros((3, 3))
     values = again.solution.values

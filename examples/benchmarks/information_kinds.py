@@ -61,7 +61,7 @@ def main() -> None:
     write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_at(estimate)
     link, _ = pose_jacobians(
-        kkt_system_of(again.problem, again.solution), again.window, again.shape
+        kkt_system_of(again.problem, again.solution), again.window, again.job.shape
     )
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     back = np.arange(len(link))[::-1]

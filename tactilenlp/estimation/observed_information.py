@@ -38,7 +38,6 @@ from ..information.tangent_space import inverse
 from ..interface.options import Options, Session
 from ..interface.request import read_request
 from ..interface.result import Estimate
-from ..nlp.kkt import kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.reductions import Reductions
 from ..search.local_solve import built_page
@@ -78,11 +77,11 @@ def observed_information(
 def _of_kind(kind: str, again) -> tuple:
     """Return the matrix (k, k) of a kind, and its covariance where it comes first."""
     if kind == "paper":
-        M = paper(again.problem, again.solution, again.window, again.shape)
+        M = paper(again.problem, again.solution, again.window, again.job.shape)
         return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
-    kkt = kkt_system_of(again.problem, again.solution)
+    kkt = again.kkt
     if kind == "inverse_dynamics":
-        M = inverse_dynamics(kkt, again.solution, again.window, again.shape)
+        M = inverse_dynamics(kkt, again.solution, again.window, again.job.shape)
         if not np.isfinite(M).all():
             raise TactileError(
                 "the product of inverted Jacobians overflows", where="inverse_dynamics",
@@ -96,10 +95,10 @@ def _of_kind(kind: str, again) -> tuple:
     J = again.tangent.jacobian
     C = J @ by_gradient[again.tangent.chosen] @ J.T
     if kind == "sandwich":
-        sensed = again.sensed
-        through = mixed_derivatives(kkt, sensed, again.window)
-        moves = sensitivity_to_measurements(through, sensed, by_gradient, by_constraint)
-        C = sensor_covariance(*moves, sensed)
+        through = mixed_derivatives(kkt, again.job, again.window)
+        columns = by_gradient, by_constraint
+        moves = sensitivity_to_measurements(through, again.job.data, *columns)
+        C = sensor_covariance(*moves, again.job)
         C = J @ C @ J.T
     C = (C + C.T) / 2
     return inverse(C), C
@@ -138,11 +137,11 @@ def assumption_sensitivity(estimate, *, shape=None, formulation=None) -> Sensiti
     """
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate, shape, formulation)
-    kkt = kkt_system_of(again.problem, again.solution)
+    kkt = again.kkt
     J, columns = again.tangent.jacobian, kkt.sensitivity(again.tangent.chosen)
     moves, units, columns = {}, {}, [part @ J.T for part in columns]
     for name, unit, step, sides in _assumptions(estimate.scene, again.window):
-        built = (again.sensed.build(window, scene) for window, scene in sides)
+        built = (again.job.build(window, scene) for window, scene in sides)
         ends = [kkt_residual(problem, kkt) for problem in built]
         moves[name], units[name] = difference(*columns, ends, step), unit
     return Sensitivity(again.tangent.names, moves, units, again.tangent.maps)

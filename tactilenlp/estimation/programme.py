@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..common.deadline import NEVER
 from ..data.ground import frame_of
 from ..data.sensor_noise import smoothed
 from ..errors import OptionError
-from ..information.measurement_noise import Sensed
-from ..information.tangent_space import tangent_space_of
 from ..interface.options import Options
 from ..interface.result import solution_of
-from ..nlp.problem import Problem
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Job, TermFunctions
 from ..search.local_solve import built_page
-from ..solvers.solution import Solution
-
-
-@dataclass(frozen=True, eq=False)
-class Programme:
-    """The problem of an estimate, built again, at its solution."""
-
-    problem: Problem
-    solution: Solution
-    window: object
-    shape: object
-    tangent: object
-    sensed: Sensed
+from ..search.solved import Solved
 
 
 def class_and_page(estimate, shape=None, formulation=None) -> tuple:
@@ -48,8 +31,8 @@ def class_and_page(estimate, shape=None, formulation=None) -> tuple:
     return shape, page
 
 
-def programme_at(estimate, shape=None, formulation=None) -> Programme:
-    """Build the problem of an estimate again, at its solution.
+def programme_at(estimate, shape=None, formulation=None) -> Solved:
+    """Return the page of an estimate, built again, as it was solved.
 
     shape, formulation: of the estimate, by default those of the names it has.
     """
@@ -70,12 +53,8 @@ def programme_at(estimate, shape=None, formulation=None) -> Programme:
         deadline=NEVER, functions=TermFunctions(),
     ).as_late_as(precision)  # fmt: skip
     built = built_page(job, estimate.origin)
-    problem, window = built.problem, built.window
-    _check_same_unknowns(problem, estimate)
-    solution = solution_of(estimate, job.page)
-    tangent = tangent_space_of(problem, solution, window, shape, frame.rotation.T)
-    sensed = Sensed(job.data, precision, job.build, scene)
-    return Programme(problem, solution, window, shape, tangent, sensed)
+    _check_same_unknowns(built.problem, estimate)
+    return Solved(estimate.origin, built, solution_of(estimate, job.page), job)
 
 
 def _check_same_unknowns(problem, estimate) -> None:

@@ -149,7 +149,7 @@ def rounded_edges(at) -> Doubt:
     p_wf = touch.p_wf.copy()
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
-    grown = at.sensed.build(replace(window, touch=touch)).data() - problem.data()
+    grown = at.job.build(replace(window, touch=touch)).data() - problem.data()
     theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
         x = kkt.x.copy()
@@ -163,13 +163,13 @@ def late_normals(at) -> Doubt:
 
     Sensors average normals for longer than contacts: these may be in time.
     """
-    kkt, window, data = at.kkt, at.window, at.sensed.data
+    kkt, window, data = at.kkt, at.window, at.job.data
     touch = window.touch
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
-    ends = ends_of(kkt, at.sensed.build, later)
+    ends = ends_of(kkt, at.job.build, later)
     return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
@@ -180,16 +180,16 @@ def late_touches(at) -> Doubt:
     earlier.  One that was estimated is known to CONTACT_LATENCY: contacts are averaged.
     at: as above.
     """
-    kkt, sensed = at.kkt, at.sensed
-    latency = sensed.precision.latency
+    kkt, job = at.kkt, at.job
+    latency = job.precision.latency
     prior, estimated = Prior(LATENCY), False
-    if sensed.scene.latency is not None:
+    if job.scene.latency is not None:
         prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, none=0.0)
     elif latency > 0:
         prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=0.0)
         estimated = True
-    shifted = fingers_earlier(at.window, sensed.data, LAG_STEP)
-    ends = ends_of(kkt, sensed.build, shifted)
+    shifted = fingers_earlier(at.window, job.data, LAG_STEP)
+    ends = ends_of(kkt, job.build, shifted)
     doubt = _doubted(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
@@ -205,7 +205,7 @@ def told_radius(at, finger: int) -> Doubt:
 
     window = at.window
     larger = replace(window, touch=grown(window.touch), free=grown(window.free))
-    ends = ends_of(at.kkt, at.sensed.build, larger)
+    ends = ends_of(at.kkt, at.job.build, larger)
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
     felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in at.kkt.problem.costs]
     return _doubted(at.kkt, ends, RADIUS_STEP, prior, felt)

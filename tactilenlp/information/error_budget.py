@@ -65,7 +65,6 @@ from formulations.names import (
     TOUCH_TERM,
 )
 
-from ..common.deadline import NEVER, Deadline
 from ..data.ground import frame_of
 from ..data.sensor_noise import told_later
 from ..nlp.kkt import KKTSystem
@@ -83,7 +82,6 @@ from .error_budget_terms import (
 )
 from .measurement_noise import (
     MixedDerivatives,
-    Sensed,
     mixed_derivatives,
     model_error,
     sensitivity_to_measurements,
@@ -99,18 +97,24 @@ OF_PRIORS, GROUND_TILT, POOR_FIT = "priors", "tilt of the ground", "poor fit"
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A solution to first order: its KKT system, and what its measurements move."""
+    """A solution to first order: its KKT system, and what its measurements move.
+
+    job: the search's Job, whose deadline is checked between the terms of the budget.
+    """
 
     kkt: KKTSystem
-    sensed: Sensed
+    job: object
     window: object
-    shape: object
-    deadline: Deadline = NEVER  # checked between the terms of the budget
+
+    @property
+    def shape(self):
+        """The class of the body."""
+        return self.job.shape
 
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:
         """The mixed derivatives of every term that reads measurements."""
-        return mixed_derivatives(self.kkt, self.sensed, self.window)
+        return mixed_derivatives(self.kkt, self.job, self.window)
 
     @cached_property
     def doubts(self) -> dict[str, Doubt]:
@@ -124,12 +128,12 @@ class Linearisation:
         Their velocities; by how far a body may be off that was let go in motion; and
         how far poses are moved on for which late sensors have told nothing yet.
         """
-        kkt, window, latency = self.kkt, self.window, self.sensed.precision.latency
+        kkt, window, latency = self.kkt, self.window, self.job.precision.latency
         pose, step = kkt.problem.variables["x"], window.step
         x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
         v, ahead, of_all = np.zeros_like(x), np.zeros_like(x), np.zeros((len(kkt.x), 3))
         v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
-        unknown = window.pose[told_later(self.sensed.data, latency)]
+        unknown = window.pose[told_later(self.job.data, latency)]
         ahead[unknown] = latency * v[unknown]
         ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
         of_all[pose.span] = np.stack(ways, axis=1)
@@ -141,12 +145,12 @@ class Linearisation:
 
         None where it is known, or there is none.
         """
-        sensed, scene = self.sensed, self.sensed.scene
+        job, scene = self.job, self.job.scene
         if scene.ground is None or scene.sigma_tilt == 0:
             return None
         if TOUCH_TERM not in self.kkt.problem.costs:
             return None
-        given = self.kkt, sensed.build, self.window, sensed.data, scene
+        given = self.kkt, job.build, self.window, job.data, scene
         return ground_tilt(*given, self.end * (1, 1, 0))
 
     @cached_property
@@ -157,7 +161,7 @@ class Linearisation:
     @property
     def R_wg(self) -> np.ndarray:
         """The rotation (3, 3) from the ground's frame, of the problem, to the world."""
-        return frame_of(self.sensed.scene.ground).rotation.T
+        return frame_of(self.job.scene.ground).rotation.T
 
     @property
     def end(self) -> np.ndarray:
@@ -205,7 +209,7 @@ class Response:
         derivatives = self.at.derivatives
         through = [d for d in derivatives if (d.term.name == TOUCH_TERM) == by_touches]
         return sensitivity_to_measurements(
-            through, self.at.sensed, self.by_gradient, self.by_constraint
+            through, self.at.job.data, self.by_gradient, self.by_constraint
         )
 
 
@@ -214,9 +218,9 @@ def errors_of_sensing(response: Response) -> Iterator[tuple[str, np.ndarray]]:
     at, by_gradient, doubts = response.at, response.by_gradient, response.at.doubts
     touched, others = response.moved(True), response.moved(False)
     both = (by + by_other for by, by_other in zip(touched, others, strict=True))
-    yield "sensor noise", sensor_covariance(*both, at.sensed)
+    yield "sensor noise", sensor_covariance(*both, at.job)
     if TOUCH_TERM in at.kkt.problem.costs:
-        off = model_error(at.kkt, *touched, at.sensed, at.window, at.shape)
+        off = model_error(at.kkt, *touched, at.job, at.window)
         yield "touches off the model", off
     for name in (ROUNDED_EDGES, LATE_NORMALS, LATE_TOUCHES):
         if name in doubts:
@@ -247,7 +251,7 @@ def errors_of_model(response: Response) -> Iterator[tuple[str, np.ndarray]]:
         yield "uneven ground", uneven_ground(kkt, by_constraint, at.window)
     yield "negative curvature", negative_curvature(response.hessian)
     if len(at.window.push):
-        action = at.sensed.data.action
+        action = at.job.data.action
         yield "stick or slip", stick_slip(kkt, by_gradient, at.window, action)
     yield "unseen motion", unseen_motion(response)
     if BALL in problem.variables:
@@ -258,7 +262,7 @@ def errors_by_name(response: Response) -> dict[str, np.ndarray]:
     """Return the covariance (k, k) of the chosen unknowns, SI, by each error alone."""
     errors, every = {}, chain(errors_of_sensing(response), errors_of_model(response))
     for name, covariance in every:
-        response.at.deadline.check()
+        response.at.job.deadline.check()
         errors[name] = covariance
     return errors
 

@@ -15,7 +15,7 @@ leaves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,7 +26,7 @@ from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
 from formulations.names import INDENTATION
 
-from ..data.sensor_noise import RAYLEIGH_MEDIAN, Precision, smoothing_matrices
+from ..data.sensor_noise import RAYLEIGH_MEDIAN, smoothing_matrices
 from ..errors import PageError
 from ..geometry.transforms import turned_back
 from ..nlp.kkt import KKTSystem
@@ -37,19 +37,6 @@ CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
 WHOLE_NUMBER = 1e-2  # [-] how far a decoded number may lie from a whole one
 KNOWN_FACE = 3  # contact samples that make a face known
 CONTRADICTION = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
-
-
-@dataclass(frozen=True, eq=False)
-class Sensed:
-    """What was measured, how precisely, and how a problem is built from a window.
-
-    scene: with the ground in whose frame the data are.
-    """
-
-    data: object
-    precision: Precision
-    build: Callable
-    scene: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +53,9 @@ class MixedDerivatives:
     number: np.ndarray
 
 
-def mixed_derivatives(kkt: KKTSystem, sensed, window) -> list[MixedDerivatives]:
-    """Return the mixed derivatives of every term that reads measurements."""
-    source, found = measurement_numbers(kkt, sensed, window), []
+def mixed_derivatives(kkt: KKTSystem, job, window) -> list[MixedDerivatives]:
+    """Return the mixed derivatives of every term that reads measurements of a job."""
+    source, found = measurement_numbers(kkt, job, window), []
     for name, term in kkt.problem.terms.items():
         number = source[term.data]
         columns = np.nonzero((number >= 0).any(axis=0))[0]
@@ -80,14 +67,14 @@ def mixed_derivatives(kkt: KKTSystem, sensed, window) -> list[MixedDerivatives]:
 
 
 def sensitivity_to_measurements(
-    through: Iterable[MixedDerivatives], sensed: Sensed, by_gradient, by_constraint
+    through: Iterable[MixedDerivatives], data, by_gradient, by_constraint
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how the chosen unknowns move with what each finger measured.
 
     By its position and by its normal, (k, T, F, 3) each [SI], through some terms.
     by_gradient, by_constraint: see KKTSystem.sensitivity.
     """
-    shape = (*sensed.data.contact.shape, 3)
+    shape = (*data.contact.shape, 3)
     moved = np.zeros((2 * int(np.prod(shape)), by_gradient.shape[1]))
     for mixed in through:
         term, read = mixed.term, mixed.number >= 0
@@ -100,9 +87,9 @@ def sensitivity_to_measurements(
     return by_position, by_normal
 
 
-def sensor_covariance(by_position, by_normal, sensed: Sensed) -> np.ndarray:
+def sensor_covariance(by_position, by_normal, job) -> np.ndarray:
     """Return the covariance (k, k) that the sensors' noise gives the estimate."""
-    data, precision, k = sensed.data, sensed.precision, len(by_position)
+    data, precision, k = job.data, job.precision, len(by_position)
     raw = np.empty_like(by_position)
     for rows, S in smoothing_matrices(data, precision):
         raw[:, rows] = np.einsum("kafc,ab->kbfc", by_position[:, rows], S)
@@ -141,13 +128,13 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
+def measurement_numbers(kkt: KKTSystem, job, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
     The problem is built again from measurements shifted by CODE times their number:
     positions count from 1, normals after them.
     """
-    shape = (*sensed.data.contact.shape, 3)
+    shape = (*job.data.contact.shape, 3)
     count = int(np.prod(shape))
     number = np.arange(1, count + 1).reshape(shape)
 
@@ -171,7 +158,7 @@ def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
             p_wf_1=coded(push, push.p_wf_1, push.before),
         ),
     )
-    code = (sensed.build(changed).data() - kkt.problem.data()) / CODE
+    code = (job.build(changed).data() - kkt.problem.data()) / CODE
     whole = np.rint(code)
     if np.abs(code - whole).max(initial=0.0) > WHOLE_NUMBER:
         raise PageError(
@@ -183,25 +170,25 @@ def measurement_numbers(kkt: KKTSystem, sensed: Sensed, window) -> np.ndarray:
     return whole.astype(int) - 1
 
 
-def model_error(kkt, by_position, by_normal, sensed, window, shape) -> np.ndarray:
+def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     """Return the covariance (k, k) by touched gaps and normals that are off the model.
 
     by_position, by_normal: how the estimate moves with both, through the touches alone.
     """
     parameters = kkt.problem.parameters
-    k, data, precision = len(by_position), sensed.data, sensed.precision
+    k, data, precision = len(by_position), job.data, job.precision
     touch, normal = (
         float(kkt.data[parameters[name].span][0]) if name in parameters else 0.0
         for name in ("touch scale", "normal scale")
     )
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
-    turn = min(turn, residual_of_normals(kkt, window, shape) ** 2)
+    turn = min(turn, residual_of_normals(kkt, window, job.shape) ** 2)
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
     whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
     whole = np.reshape(whole, (len(whole), k)).T
-    off = gaps_of_touches(kkt, window, shape, data).max(initial=0.0)
+    off = gaps_of_touches(kkt, window, job.shape, data).max(initial=0.0)
     # Two that disagree share it.
     apart = 2 * off**2 if off > CONTRADICTION * touch else 0.0
     along = along.reshape(k, -1)

@@ -34,7 +34,7 @@ def polytope_information(at: Linearisation, solution, faces) -> Information:
     if at.tilt is not None:
         turned = at.tilt.turned(V)[:, :3].reshape(-1, 2)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
-    at.deadline.check()
+    at.job.deadline.check()
     floor = LEAST_DEVIATION**2 * np.eye(V.size)
     indefinite = np.linalg.eigvalsh(response.hessian)[0] < -(LEAST_DEVIATION**2)
     C, errors = response.hessian + floor, errors_by_name(response)

@@ -23,7 +23,6 @@ from ..information.error_budget import OF_PRIORS, Linearisation
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
-from ..information.measurement_noise import Sensed
 from ..information.mixture import one_mode
 from ..information.polytope_information import (
     polytope_information,
@@ -180,12 +179,10 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
     of_hull = shape.parameters == "vertices"
     if of_hull:  # as solved
         shape = with_supports(shape, solved.hypothesis.theta.reshape(-1, 3))
-    build = replace(job, shape=shape).build
-    sensed = Sensed(job.data, job.precision, build, job.scene)
     try:
         kkt = kkt_system_of(solved.problem, solution, job.deadline)
         job.deadline.check()
-        at = Linearisation(kkt, sensed, solved.window, shape, job.deadline)
+        at = Linearisation(kkt, replace(job, shape=shape), solved.window)
         if of_hull:
             return polytope_information(at, solution, faces)
         optima = [mode.optimum for mode in modes]

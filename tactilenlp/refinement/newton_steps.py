@@ -24,7 +24,6 @@ from formulations.finger_turn import TURN as PRIOR_TURN
 from ..data.sensor_noise import LATENCY
 from ..information.consider_parameters import Doubt, late_touches
 from ..information.error_budget import Linearisation
-from ..information.measurement_noise import Sensed
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
 from ..search.local_solve import continued, warm_started
@@ -223,9 +222,7 @@ def _late_by_steps(best: Solved) -> tuple[Solved, Doubt]:
 
 def _doubt_at(solved: Solved) -> Doubt:
     """Return what is known of the latency at a solve."""
-    job = solved.job
-    sensed = Sensed(job.data, job.precision, job.build, job.scene)
-    return late_touches(Linearisation(solved.kkt, sensed, solved.window, job.shape))
+    return late_touches(Linearisation(solved.kkt, solved.job, solved.window))
 
 
 def _close(solved) -> list[Solved]:

@@ -13,6 +13,7 @@ from ..data.ground import frame_of
 from ..geometry.faces import touched_faces
 from ..information.information import FACE_COSINE, optimum_of
 from ..information.mixture import LocalOptimum
+from ..information.tangent_space import TangentSpace, tangent_space_of
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
@@ -144,6 +145,13 @@ class Solved:
     def kkt(self) -> KKTSystem:
         """The KKT system at the solution, factorised once for all that ask for it."""
         return kkt_system_of(self.problem, self.solution)
+
+    @cached_property
+    def tangent(self) -> TangentSpace:
+        """The coordinates of a shape with sizes and its final pose, world frame."""
+        R_wg = frame_of(self.job.scene.ground).rotation.T
+        given = self.problem, self.solution, self.window, self.job.shape
+        return tangent_space_of(*given, R_wg)
 
     @cached_property
     def optimum(self) -> LocalOptimum:
