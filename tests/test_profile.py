@@ -177,7 +177,7 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
 ):
     asked, met = [], solve(AT)
 
-    def profiles(job, best, seeks=True):
+    def profiles(best, seeks=True):
         asked.append(seeks)
         return np.eye(6), met if seeks else None
 
@@ -190,7 +190,7 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     certificates = SimpleNamespace(broken=())
     best = Certified(solution, certificates, job, (False, 1.0))
     monkeypatch.setattr(certification, "profiled", profiles)
-    monkeypatch.setattr(certification, "certified", lambda job, solved: solved)
+    monkeypatch.setattr(certification, "certified", lambda solved: solved)
     for rank, same in (((False, 1.2), True), ((False, 0.6), False)):
         again = replace(best, rank=rank)
 
@@ -271,7 +271,7 @@ def test_a_body_without_sides_has_no_profile():
     job = SimpleNamespace(
         shape=replace(CUBOID, symmetries=()), reductions=SimpleNamespace(planar=True)
     )
-    found, better = profiled(job, SimpleNamespace(at=AT))
+    found, better = profiled(SimpleNamespace(at=AT, job=job))
     assert better is None
     assert not found.any()
 
@@ -286,7 +286,7 @@ def test_profiles_of_shooting_are_those_of_multiple_shooting(recorded):
         request, _ = read_request(data.select([0, 1]), scene, *given)
         starts, _ = searched(request, [])
         solved = solved_from(request.job, starts[0])
-        found.append(profiled(request.job, solved, seeks=False)[0])
+        found.append(profiled(solved, seeks=False)[0])
     where = np.flatnonzero(found[0].any(axis=1))
     assert where.max() >= CUBOID.theta  # one of them is of a position
     assert found[1] == pytest.approx(found[0], rel=1e-2, abs=1e-6)

@@ -27,11 +27,11 @@ def test_every_reduction_can_be_switched_off_alone(recorded):
         return make_job(data, scene, CUBOID, options, time.monotonic(), page)
 
     solved = replace(solved_from(job(Options()), h), declined=(DECLINED,))
-    reduced = certified(job(Options()), solved).solution
+    reduced = certified(solved).solution
     for name in ("still", "far", "absent"):
         fewer = job(Options(reduce=[name]))
         # From the same optimum: from afar, solves end a fifth of a nat apart.
-        full = certified(fewer, warm_started(fewer, solved))
+        full = certified(warm_started(fewer, solved))
         assert DECLINED in full.skipped
         assert full.solution.success
         assert all(s.name != name for s in full.skipped)

@@ -67,7 +67,7 @@ def test_tilt_starts_from_the_flat_optimum_and_roughly_where_touches_stay_wrong(
     }  # fmt: skip
     for name, function in replaced.items():
         monkeypatch.setattr(tilt, name, function)
-    assert tilt.with_tilt(job, solve(60.0)).solution.objective == objective
+    assert tilt.with_tilt(solve(60.0, job=job)).solution.objective == objective
     assert asked == (["rough"] if objective == 10.0 else [])
 
 

@@ -105,15 +105,16 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
     class Solution:
         success = True
 
+    page = SimpleNamespace(freed=("level",))
+
     class Solved:
         solution = Solution()
+        job = SimpleNamespace(scene=Scene(), contract=page)
 
-    page = SimpleNamespace(freed=("level",))
-    job = SimpleNamespace(scene=Scene(), contract=page)
     where = "tactilenlp.refinement.newton_steps.misfit_of"
-    monkeypatch.setattr(where, lambda job, solved: Misfit(1.0, 0.0, 3.0))
+    monkeypatch.setattr(where, lambda solved: Misfit(1.0, 0.0, 3.0))
     kept = [Solved()]
-    assert with_ground_tilt(job, kept) == (job, kept)
+    assert with_ground_tilt(kept) is kept
 
 
 def test_a_guess_of_the_world_is_one_of_the_ground_that_leans():

@@ -29,7 +29,6 @@ from ..search.solved import Solved
 from ..tracking.tracking import tracked_samples
 from .interrupted import SoFar
 from .optima import (
-    CERTIFICATES_END,
     OTHER_SOLVES,
     REFINEMENT_END,
     Optima,
@@ -86,10 +85,9 @@ def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
         multistart(job, starts, job.page.LEVELS, solves=solves)
     solved = solves.best_first()
     if not solved:
-        return Optima(job, None, [], kept, starts, coarse.searched)
-    job, solved = with_latency(job, solved)  # more samples tell more of it
-    job = dense.job_until(CERTIFICATES_END).as_late_as(job.precision)
-    found = Optima(job, None, solved, kept, starts, coarse.searched)
+        return Optima(None, [], kept, starts, coarse.searched)
+    solved = with_latency(solved)  # more samples tell more of it
+    found = Optima(None, solved, kept, starts, coarse.searched)
     found = best_certified(dense, found, partial(_certified, known))
     told = {"declined": known.declined, "profile": known.profile}
     return replace(found, best=replace(found.best, **told))
@@ -130,12 +128,13 @@ def at_coarse_rows(h: Hypothesis, rows) -> Hypothesis:
     return replace(h, x=h.x[:, rows[rows < h.x.shape[1]]])
 
 
-def _certified(coarse: Solved, job, solved) -> Solved:
+def _certified(coarse: Solved, solved) -> Solved:
     """Return a solve at all samples with its certificates.
 
     Rest is certified at the lower rate: at the full one, what the balance of the first
     moving step leaves is a large force on the pose before.
     """
+    job = solved.job
     if job.deadline.passed("certificates"):
         return replace(solved, certificates=Certificates(()))
     still = [s for s in coarse.certificates.skipped if s.name == "still"]

@@ -54,13 +54,11 @@ OTHER_SOLVES = "other solves of the page"  # in a status, where time ends them
 class Optima:
     """The optima of a page, and the hypotheses that led to them.
 
-    job: by which `best` was solved; best: the most probable optimum, certified, None if
-    the time limit came first; solved: all optima, best first; kept: hypotheses of the
-    search, for the next action; starts: those that the page was solved from;
-    searched: CPU seconds of the search.
+    best: the most probable optimum, certified, None if the time limit came first;
+    solved: all optima, best first; kept: hypotheses of the search, for the next action;
+    starts: those that the page was solved from; searched: CPU seconds of the search.
     """
 
-    job: Job
     best: Solved | None
     solved: list[Solved]
     kept: list[Hypothesis]
@@ -74,12 +72,12 @@ class Optima:
 
     def carried_on(self, width: int) -> list[Hypothesis]:
         """Return the hypotheses for the next action: the distinct optima."""
-        shape, solved = self.job.shape, self.solved
-        if shape.hypotheses is not None:
-            return [s.at for s in solved[: shape.hypotheses]]
-        if not self.job.reductions.planar:
+        job, solved = self.solved[0].job, self.solved
+        if job.shape.hypotheses is not None:
+            return [s.at for s in solved[: job.shape.hypotheses]]
+        if not job.reductions.planar:
             return self.kept[:width]
-        return distinct(shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
+        return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
 
 
 def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> Optima:
@@ -101,7 +99,7 @@ def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> 
     if other is not None and _differs(other.best, found.solved):
         found = _better(found, best_certified(request, other, check))
     best = found.best
-    with found.job.deadline.ending("profile likelihoods"):
+    with best.job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
     return replace(found, best=best)
 
@@ -120,14 +118,14 @@ def _of_one_search(request: Request, so_far: SoFar, update=None, known=()) -> Op
     else:
         kept, starts = searched(request, so_far.kept, search)
     so_far.kept, seconds = kept, so_far.spent
-    job, solved = _solved_page(request, starts, so_far, update, known, enough)
-    if solved and newly_late(request.job, job):
+    solved = _solved_page(request, starts, so_far, update, known, enough)
+    if solved and newly_late(request.job, solved[0].job):
         log.info("searching again with the latency that was found")
-        late = request.job.as_late_as(job.precision)
+        late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
         other = _of_one_search(again, SoFar([], so_far.solves), update, solved)
         return replace(other, searched=seconds)
-    return Optima(job, solved[0] if solved else None, solved, kept, starts, seconds)
+    return Optima(solved[0] if solved else None, solved, kept, starts, seconds)
 
 
 def _updated_by_few(request, so_far) -> tuple:
@@ -220,10 +218,8 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solved_page(
-    request, starts, so_far, update, known, enough: bool
-) -> tuple[Job, list[Solved]]:
-    """Return the page solved, best first, and the job that the best was solved by.
+def _solved_page(request, starts, so_far, update, known, enough: bool) -> list[Solved]:
+    """Return the page solved, best first.
 
     known: solves from some of the starts, and whether these are enough.  No solves if
     the time limit came before the first one ended.
@@ -243,44 +239,41 @@ def _solved_page(
 
     try:
         solved = known if enough else from_starts(job, starts, known)
-        job = replace(job, reductions=solved[0].job.reductions)
     except OutOfTime:
         job.deadline.omit(OTHER_SOLVES)
-        solved = solves.best_first()
-        job = solved[0].job if solved else job
-    else:
-        with job.deadline.ending(OTHER_SOLVES):
-            check_finite(solved[0].problem, solved[0].solution)
-            job, solved = with_latency(job, solved)
-            if not newly_late(request.job, job):
-                job, solved = _with_larger_models(job, solved, freed)
-                solved = repaired(job, solved, update)
-    return replace(job, deadline=request.job_until(CERTIFICATES_END).deadline), solved
+        return solves.best_first()
+    with job.deadline.ending(OTHER_SOLVES):
+        check_finite(solved[0].problem, solved[0].solution)
+        solved = with_latency(solved)
+        if not newly_late(request.job, solved[0].job):
+            solved = repaired(_with_larger_models(solved, freed), update)
+    return solved
 
 
-def _with_larger_models(job, solved, freed) -> tuple[Job, list[Solved]]:
-    """Return job and solves on a ground that leans, with what the data set free."""
-    found = with_ground_tilt(job, solved)
-    larger = with_nuisance_parameters(*found, freed)
-    if found[0] is not job and larger[0].reductions != job.reductions:
+def _with_larger_models(flat, freed) -> list[Solved]:
+    """Return solves, on a ground that leans, with what the data set free."""
+    leaning = with_ground_tilt(flat)
+    larger = with_nuisance_parameters(leaning, freed)
+    same_model = larger[0].job.reductions == flat[0].job.reductions
+    if leaning is not flat and not same_model:
         # The tilt did not explain enough: what was freed then may do without it.
-        level = with_nuisance_parameters(job, solved, freed)
-        larger = min(larger, level, key=lambda one: one[1][0].rank)
-    return with_ground_for_turns(*larger)
+        level = with_nuisance_parameters(flat, freed)
+        larger = min(larger, level, key=lambda solves: solves[0].rank)
+    return with_ground_for_turns(larger)
 
 
 def best_certified(request: Request, found: Optima, check) -> Optima:
     """Return optima of which the most probable one has its axes named, certified.
 
-    check(job, solved): certifies a solve, or returns a better one.
+    check(solved): certifies a solve, or returns a better one.
     """
-    job, solved = found.job, found.solved
-    solved = [replace(s, job=replace(s.job, deadline=job.deadline)) for s in solved]
-    best, cut = solved[0], replace(job, cuts=solved[0].job.cuts)
-    with job.deadline.ending("certificates"):
-        best = most_probable(job, solved)
-        named = with_named_axes(cut, best, request.axes)
+    deadline = request.job_until(CERTIFICATES_END).deadline
+    solved = [replace(s, job=replace(s.job, deadline=deadline)) for s in found.solved]
+    best = solved[0]
+    with deadline.ending("certificates"):
+        best = most_probable(solved)
+        named = with_named_axes(best, request.axes)
         solved = [named if s is best else s for s in solved]
         best = named
-        best = check(cut, best)
+        best = check(best)
     return replace(found, best=best, solved=solved)

@@ -66,12 +66,13 @@ def turned(x, S) -> np.ndarray:
     return np.vstack([x[:3], continuous(matrices(x) @ S).T])
 
 
-def with_named_axes(job, solved, like) -> Solved:
+def with_named_axes(solved, like) -> Solved:
     """Return a solve, or one of the same optimum with the axes of a box renamed.
 
     like: see `naming`.  A page that tells the axes apart, as by a prior of one side,
     decides itself: a renamed optimum that costs more is not taken.
     """
+    job = solved.job
     order, S = naming(job.shape, solved.at, like)
     if np.array_equal(S, np.eye(3)) or not solved.solution.success:
         return solved

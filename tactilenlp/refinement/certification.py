@@ -27,24 +27,24 @@ MAX_RESTORED = 2  # solves with reductions restored
 MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
 
 
-def checked(job, solved, executor=None) -> Solved:
+def checked(solved, executor=None) -> Solved:
     """Return a solved page with certificates, or what they ask for instead.
 
     An object that did not only slide is solved in free motion: tilted, and as it
     tumbled where a tilt does not explain its touches.
     """
-    best = certified(job, solved)
+    best, job = certified(solved), solved.job
     fell = "planar" in best.certificates.broken and not states_planar_motion(job.page)
-    rocked = with_tilt(best.job, best)
+    rocked = with_tilt(best)
     if rocked is not best:
-        _, (rocked, *_) = with_ground_tilt(rocked.job, [rocked])
-    fell = fell and not (rocked is not best and explained(rocked.job, rocked))
+        rocked = with_ground_tilt([rocked])[0]
+    fell = fell and not (rocked is not best and explained(rocked))
     if fell and job.shape.is_box and not job.deadline.passed("a tumble"):
         tumbled = _tumbled(job, best, executor)
         if tumbled.rank < rocked.rank:
             return tumbled
     if rocked is not best:
-        best = certified(rocked.job, rocked)
+        best = certified(rocked)
     return best
 
 
@@ -58,20 +58,21 @@ def with_profiles(best) -> Solved:
     job, asked = best.job, slid and best.job.options.rivals
     if not asked or job.deadline.passed("profile likelihoods"):
         return best
-    profile, better = profiled(job, best)
+    profile, better = profiled(best)
     if better is not None:
-        again = certified(job, warm_started(job, better, PROFILE_MU))
+        again = certified(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
-        profile, _ = profiled(job, best, seeks=False)
+        profile, _ = profiled(best, seeks=False)
     return replace(best, profile=profile)
 
 
-def certified(job, solved) -> Solved:
+def certified(solved) -> Solved:
     """Check what was dropped; restore what was needed and solve again.
 
     Rest intervals are first cut where the body would move, and dropped if that was not
     enough.
     """
+    job = solved.job
     if job.deadline.passed("certificates"):
         return replace(solved, certificates=Certificates(()))
     found = certify(job, solved)

@@ -52,9 +52,9 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is accepted: every touch is explained, nothing jumps, the objective
-    rises by no more than an action usually adds, and no certificate, by certified(job,
-    solved), is broken that held before. Otherwise all actions are to be solved again,
-    and the better result kept. None where `start` is no such estimate.
+    rises by no more than an action usually adds, and no certificate, by
+    certified(solved), is broken that held before. Otherwise all actions are to be
+    solved again, and the better result kept. None where `start` is no such estimate.
     """
     if not is_one_action_more(start, job):
         return None, False
@@ -70,7 +70,7 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     if not good(found):
         found = _better(found, continued(job, found))
     if good(found):
-        found = certified(job, found)
+        found = certified(found)
         before = {s.name for s in start.skipped if not s.holds}
         if {*found.certificates.broken} <= before:
             return found, True
@@ -80,15 +80,15 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     return found, False
 
 
-def repaired(job: Job, solved, update=None) -> list[Solved]:
+def repaired(solves, update=None) -> list[Solved]:
     """Return solves, best first; the best is solved again where it is implausible.
 
     update: the result of a rejected update, which competes, if there is one.
     """
-    best, *others = solved
-    if job.contract.extends and implausible(best):
+    best, *others = solves
+    if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _better(best, continued(job, best))
+        best = _better(best, continued(best.job, best))
     found = [best, *others]
     return found if update is None else best_first([*found, update])
 

@@ -41,20 +41,21 @@ MIN_CLASS_TIME = 1.0  # [s] of a class
 log = logging.getLogger("tactilenlp")
 
 
-def most_probable(job, solved) -> Solved:
+def most_probable(solves) -> Solved:
     """Return the solve of the largest evidence, not of the least objective.
 
     A narrow optimum that is lower by a fraction of a nat is not what is believed.
-    solved: best first, which is returned if there is no time.
+    solves: best first, which is returned if there is no time.
     """
-    several = comparable(solved[0], solved)
-    if job.shape.parameters != "sizes" or len(several) < 2:
-        return solved[0]
-    if job.deadline.passed("evidence of other optima"):
-        return solved[0]
-    turning = 1 if solved[0].window.motion is PLANAR else 3
-    optima = distinct_modes(job.shape, turning, [s.optimum for s in several])
-    weights = laplace_mixture(job.shape, turning, optima).weights
+    best, several = solves[0], comparable(solves[0], solves)
+    shape = best.job.shape
+    if shape.parameters != "sizes" or len(several) < 2:
+        return best
+    if best.job.deadline.passed("evidence of other optima"):
+        return best
+    turning = 1 if best.window.motion is PLANAR else 3
+    optima = distinct_modes(shape, turning, [s.optimum for s in several])
+    weights = laplace_mixture(shape, turning, optima).weights
     likeliest = optima[int(np.argmax(weights))]
     return next(s for s in several if s.optimum is likeliest)
 

@@ -54,13 +54,13 @@ class Nuisance(NamedTuple):
     screen: Callable | None
 
 
-def misfit_of(job, solved: Solved) -> Misfit:
+def misfit_of(solved: Solved) -> Misfit:
     """Return what the touches cost, and should cost [nats].
 
     No larger model can gain much more than the excess.
     """
-    problem, solution = solved.problem, solved.solution
-    x, data = solution.at(problem)
+    problem, job = solved.problem, solved.job
+    x, data = solved.solution.at(problem)
     left = variance_left(job.data, job.precision)
     return touch_misfit(problem, x, data, solved.window, left)
 
@@ -75,46 +75,46 @@ def needed_gain(spread: float, occam: float = DECISIVE) -> float:
     return max(spread, UNCHANGED) + occam
 
 
-def with_nuisance_parameters(job, solved, solve) -> tuple:
-    """Return job and solves, best first; what NUISANCES names is free where data ask.
+def with_nuisance_parameters(solves, solve) -> list[Solved]:
+    """Return solves, best first; what NUISANCES names is free where data ask for it.
 
-    solved: with all of it fixed, best first; solve(job, hypothesis, alone): the same of
+    solves: with all of it fixed, best first; solve(job, hypothesis, alone): the same of
     another job, from a hypothesis, and if not alone from all starts of the search.
     """
     for name, nuisance in NUISANCES.items():
-        if fixes(job, name) and solved[0].solution.success:
-            job, solved = _with(name, nuisance, job, solved, solve)
-    return job, solved
+        if fixes(solves[0].job, name) and solves[0].solution.success:
+            solves = _with(name, nuisance, solves, solve)
+    return solves
 
 
-def _with(name, nuisance, job, solved, solve) -> tuple:
-    """Return job and solves, one nuisance parameter free if the data ask for it."""
-    best, *others = solved
-    touches = misfit_of(job, best)
+def _with(name, nuisance, solves, solve) -> list[Solved]:
+    """Return solves, one nuisance parameter free if the data ask for it."""
+    best, *others = solves
+    job, touches = best.job, misfit_of(best)
     if touches.excess < (needed := needed_gain(touches.spread)):
         most = max(touches.excess, 0.0)
-        return job, [declined(best, name, most, needed, "at most "), *others]
+        return [declined(best, name, most, needed, "at most "), *others]
     if job.deadline.passed(nuisance.dropped):
-        return job, solved
+        return solves
     larger = job.with_reductions(**{name: False})
     if nuisance.screen is not None:
         gain = nuisance.screen(larger, best, nuisance.unknown)
         if gain < needed:
-            return job, [declined(best, name, gain, needed), *others]
+            return [declined(best, name, gain, needed), *others]
     if nuisance.from_all_starts:  # a page without rough levels takes seconds for each
         freed = solve(larger, best.at, not job.contract.rough)
     else:
         freed = [warm_started(larger, best, FREED_MU)]
     if not freed:
-        return job, solved
+        return solves
     if nuisance.unknown == TURN and job.shape.is_box:
         freed = _with_open_height(larger, freed)
     gain, needed = _compared(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
-        return job, [declined(best, name, gain, needed), *others]
+        return [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
     first = replace(freed[0], declined=best.declined)
-    return larger, [first, *freed[1:], *solved]
+    return [first, *freed[1:], *solves]
 
 
 def without_needless(solved: Solved) -> Solved:
@@ -130,7 +130,7 @@ def without_needless(solved: Solved) -> Solved:
             continue
         if job.deadline.passed(f"a fixed {nuisance.dropped}"):
             break
-        spread = misfit_of(job, solved).spread
+        spread = misfit_of(solved).spread
         if wald(solved, nuisance.unknown) > _needed(solved, nuisance, spread):
             continue
         smaller = warm_started(fixed, solved, FREED_MU)

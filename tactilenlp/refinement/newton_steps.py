@@ -37,51 +37,51 @@ MAX_FAILED = 3  # steps on a latency in a row that gain nothing
 LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
 
 
-def with_ground_tilt(job, solved) -> tuple:
-    """Return job and solves, best first, on the ground that the touches tell of.
+def with_ground_tilt(solves) -> list[Solved]:
+    """Return solves, best first, on the ground that the touches tell of.
 
     Solves that are not close to the best are left out where the ground is turned.
     """
-    level = best = solved[0]
-    if not (ground_may_tilt(job) and best.solution.success):
-        return job, solved
-    touches = misfit_of(job, best)
+    level = best = solves[0]
+    if not (ground_may_tilt(level.job) and best.solution.success):
+        return solves
+    touches = misfit_of(best)
     needed = needed_gain(touches.spread)
     if touches.excess < needed:
-        return job, solved
+        return solves
     best = _turned_by_steps(best, needed)
-    needed = needed if job.scene.ground.told is None else UNCHANGED
+    needed = needed if level.job.scene.ground.told is None else UNCHANGED
     if best.cost > level.cost - needed:
-        return job, solved
+        return solves
     ground = best.job.scene.ground
     log.info("the ground leans by %s rad", ground.tilt.round(4))
-    others = [_on_ground(ground, s) for s in _close(solved)]
-    return best.job, best_first([best, *others])
+    others = [_on_ground(ground, s) for s in _close(solves)]
+    return best_first([best, *others])
 
 
-def with_ground_for_turns(job, solved) -> tuple:
-    """Return job and solves on a ground that leans, if that explains turned sensors.
+def with_ground_for_turns(solves) -> list[Solved]:
+    """Return solves on a ground that leans, if that explains turned sensors.
 
     It turns the normals of all fingers alike, by fewer unknowns: it replaces their own
     turns (formulations/finger_turn.py) where its evidence is larger.
     """
-    best = solved[0]
+    best, job = solves[0], solves[0].job
     turned = TURN in best.solution.values and best.solution.success
     if not (turned and ground_may_tilt(job)):
-        return job, solved
+        return solves
     ground = job.scene.ground.turned(_common_turn(best), _first_touched(best))
     aligned = job.with_reductions(aligned=True)
     leans = continued(on_ground(aligned, ground), best)
     if leans is None or not leans.solution.success:
-        return job, solved
+        return solves
     leans = replace(leans, declined=best.declined)
     leans = _turned_by_steps(leans, UNCHANGED)
     occam = occam_of(best.kkt, TURN)
     if leans.cost > best.cost + occam:
-        return job, solved
+        return solves
     log.info("not the sensors are turned, the ground leans by %s rad",
              leans.job.scene.ground.tilt.round(4))  # fmt: skip
-    return leans.job, [leans]
+    return [leans]
 
 
 def _common_turn(solved: Solved) -> np.ndarray:
@@ -151,27 +151,27 @@ def on_ground(job, ground):
     return replace(job, scene=scene)
 
 
-def with_latency(job, solved) -> tuple:
-    """Return job and solves, best first, with the latency that the touches tell of.
+def with_latency(solves) -> list[Solved]:
+    """Return solves, best first, with the latency that the touches tell of.
 
     Solves that are not close to the best are left out where it is another one.
     """
-    prompt = solved[0]
-    if not (may_be_late(job) and prompt.solution.success):
-        return job, solved
+    prompt = solves[0]
+    if not (may_be_late(prompt.job) and prompt.solution.success):
+        return solves
     late, doubt = _late_by_steps(prompt)
     needed = UNCHANGED
-    if job.precision.latency == 0:
+    if prompt.job.precision.latency == 0:
         occam = np.log(LATENCY * np.sqrt(doubt.information))
-        needed = needed_gain(misfit_of(job, prompt).spread, occam)
+        needed = needed_gain(misfit_of(prompt).spread, occam)
     if late.cost > prompt.cost - needed:
-        return job, solved
+        return solves
     told = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
     log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
              1e3 * told.latency, prompt.cost - late.cost)  # fmt: skip
     best = replace(late, job=replace(late.job, precision=told))
-    others = [warm_started(s.job.as_late_as(told), s) for s in _close(solved)]
-    return best.job, best_first([best, *others])
+    others = [warm_started(s.job.as_late_as(told), s) for s in _close(solves)]
+    return best_first([best, *others])
 
 
 def as_found(job, other):
@@ -225,7 +225,7 @@ def _doubt_at(solved: Solved) -> Doubt:
     return late_touches(Linearisation(solved.kkt, solved.job, solved.window))
 
 
-def _close(solved) -> list[Solved]:
+def _close(solves) -> list[Solved]:
     """Return the solves that converged close to the first one, the best, without it."""
-    limit = solved[0].cost + DECISIVE
-    return [s for s in solved[1:] if s.solution.success and s.cost < limit]
+    limit = solves[0].cost + DECISIVE
+    return [s for s in solves[1:] if s.solution.success and s.cost < limit]

@@ -57,7 +57,7 @@ PROFILE_MU = 1e-2
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
 
-def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
+def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
@@ -66,9 +66,9 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     which the profiles end, or None; unless it seeks one, a lower objective counts as
     none higher.
     """
-    n, end = job.shape.theta, solved.at.end
-    profile = np.zeros((len(end), len(end)))
-    faces = touched_ends(job.shape, solved)
+    shape, end = solved.job.shape, solved.at.end
+    n, profile = shape.theta, np.zeros((len(end), len(end)))
+    faces = touched_ends(shape, solved)
     if faces is None:
         return profile, None
     chosen = final_unknowns(solved.problem)
@@ -79,8 +79,8 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     least = n + int(np.argmax(known[n : n + 2]))
     if known[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
         profile[least] = by_gradient[chosen, least] / known[least]
-    elsewhere = partial(_constrained, job, solved, chosen)
-    for axis, widest, *how in _asked(job, solved, faces, known, least, seeks):
+    elsewhere = partial(_constrained, solved, chosen)
+    for axis, widest, *how in _asked(solved, faces, known, least, seeks):
         way = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
         given = solved, widest, axis, way, way[chosen], *how
         profile[axis], better = deviation_along(elsewhere, *given)
@@ -89,13 +89,13 @@ def profiled(job, solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     return profile, None
 
 
-def _asked(job, solved, faces, known, least, seeks) -> list[tuple]:
+def _asked(solved, faces, known, least, seeks) -> list[tuple]:
     """Return what is profiled, each with the arguments of `deviation_along`.
 
     Axis, prior, touched, seeks and cost: of open and of noisy sizes, of the position
     `least`, if the Hessian claims it, and of the yaw of a box that no side was felt of.
     """
-    shape, at, found = job.shape, solved.at, []
+    job, shape, at, found = solved.job, solved.job.shape, solved.at, []
     for axis, touched in enumerate(faces):
         is_open = touched.min() < KNOWN_FACE
         if is_open or known[axis] >= faces_sigma(job, touched):
@@ -150,7 +150,7 @@ def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
     return lambda changes: added(ca.DM(np.atleast_1d(changes)).T).full().ravel()
 
 
-def _constrained(job, solved, chosen, axis, direction, touched) -> Callable:
+def _constrained(solved, chosen, axis, direction, touched) -> Callable:
     """Return a function of a step [m]: the solve with one chosen unknown so far off.
 
     It is called with larger and larger steps, each solve starts from the one before,
@@ -159,7 +159,7 @@ def _constrained(job, solved, chosen, axis, direction, touched) -> Callable:
     (touched), only that size moves. A feasible solve with a small rise is enough. Poses
     that the page computes are unknowns here, else none is held.
     """
-    problem, solvers, held = solved.problem, solved.built.solvers, chosen[axis]
+    problem, job, held = solved.problem, solved.job, chosen[axis]
     low = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
     level = replace(
         job.page.LEVELS[-1].with_ipopt(max_iter=PROFILE_ITERATIONS),
@@ -182,7 +182,7 @@ def _constrained(job, solved, chosen, axis, direction, touched) -> Callable:
             values = values | solved.built.values_at(moved)
         start = replace(latest.solution, values=values)
         settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
-        found = solve_levels(problem, (level,), start, settings, solvers)
+        found = solve_levels(problem, (level,), start, settings, solved.built.solvers)
         feasible = max(found.violations.values(), default=0.0) <= RANKING_TOLERANCE
         if not (feasible and (found.success or found.objective < highest)):
             return None

@@ -45,7 +45,7 @@ def refined(job, kept, solves, start=None, known=()) -> list[Solved]:
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
         flat = replace(job, reductions=required)
-        found = repaired(flat, refined(flat, kept, solves.provisional(), start))
+        found = repaired(refined(flat, kept, solves.provisional(), start))
         if not sized or planar_certificate(flat, found[0]).holds:
             return _in_free_motion(job, found[: job.shape.hypotheses], solves)
     start = start if sized else None

@@ -41,22 +41,23 @@ TILT_CHANGE = 0.05  # [rad] deviation of the change of tilt in a sample: 1.5 rad
 AS_IT_BEGINS = 1e-3  # [TILT_CHANGE] deviation of the tilt as an action begins
 
 
-def with_tilt(job, best: Solved) -> Solved:
+def with_tilt(best: Solved) -> Solved:
     """Return the page in free motion where data ask for it, or the flat solve."""
+    job = best.job
     if not (may_tilt(job) and best.solution.success):
         return best
-    touches = misfit_of(job, best)
+    touches = misfit_of(best)
     needed = needed_gain(touches.spread)
     if touches.excess < needed or job.deadline.passed("tilt"):
         return best
     free = job.with_reductions(planar=False)
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
-    if rough and not explained(free, tilted):
+    if rough and not explained(tilted):
         # Poses are held at a tilt that is still wrong.
         held = rough[0].with_ipopt(max_iter=HELD_ITERATIONS)
         levels = [held, *rough[1:]]
-        again = solved_from(free, tilted_by_normals(job, best), levels=levels)
+        again = solved_from(free, tilted_by_normals(best), levels=levels)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)
     if gain < needed:
@@ -65,12 +66,12 @@ def with_tilt(job, best: Solved) -> Solved:
     return without_needless(replace(tilted, declined=best.declined))
 
 
-def explained(job, solved: Solved) -> bool:
+def explained(solved: Solved) -> bool:
     """Tell whether touches cost no more than in a good fit.
 
     A solve from the rough levels takes seconds, and no tilt explains noise.
     """
-    touches = misfit_of(job, solved)
+    touches = misfit_of(solved)
     return solved.solution.success and touches.excess <= touches.limit
 
 
@@ -80,19 +81,20 @@ def may_tilt(job) -> bool:
     return made and job.scene.ground is not None and "planar" in job.contract.freed
 
 
-def tilted_by_normals(job, flat: Solved) -> Hypothesis:
+def tilted_by_normals(flat: Solved) -> Hypothesis:
     """Return a planar optimum in free motion, tilted as the felt normals tell.
 
     Its lowest corner stays on the ground.  Of a polytope: as it is.
     """
-    if job.shape.parameters != "sizes":
+    shape = flat.job.shape
+    if shape.parameters != "sizes":
         return flat.at
     theta, window = flat.at.theta, with_ideal_fingertips(flat)
-    x = planar_to_free(theta, flat.solution.values["x"], job.shape)
-    tilt = _tilts(job.shape, theta, x, window)
+    x = planar_to_free(theta, flat.solution.values["x"], shape)
+    tilt = _tilts(shape, theta, x, window)
     turns = Rotation.from_rotvec(np.vstack([tilt, 0 * tilt[:1]]).T)
     turns = turns * Rotation.from_rotvec(x[3:].T)
-    corners = turns.as_matrix() @ body_corners(job.shape, theta).T
+    corners = turns.as_matrix() @ body_corners(shape, theta).T
     x[2] = -corners[:, 2].min(axis=1)
     x[3:] = continuous(turns.as_matrix()).T
     return replace(flat.at, x=x[:, window.pose])
