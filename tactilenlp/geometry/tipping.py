@@ -7,6 +7,7 @@ them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,7 +33,7 @@ class Tip:
     angle: np.ndarray
     end: float = QUARTER_TURN
 
-    @property
+    @cached_property
     def renamed(self) -> np.ndarray:
         """The rotation S (3, 3) of body coordinates, q_lying = S q_o, by `end`."""
         over = -self.side * self.end * np.cross([0, 0, 1.0], np.eye(3)[self.axis])
@@ -50,12 +51,20 @@ class Tip:
 
     def poses(self, theta, x) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (n + 1, 3) [m] and rotations from x (3,), at last lying."""
-        R_wo, fall = Rotation.from_euler("z", x[2]).as_matrix(), self.fall(x)
+        turns = self.turns(x)
+        R_wo = Rotation.from_euler("z", x[2]).as_matrix()
+        return self.positions(theta, x, turns), turns @ R_wo
+
+    def turns(self, x) -> np.ndarray:
+        """Return the rotations (n + 1, 3, 3) about the edge, world frame, from x."""
+        over = np.outer([*self.angle, self.end], np.cross([0, 0, 1.0], self.fall(x)))
+        return Rotation.from_rotvec(over).as_matrix()
+
+    def positions(self, theta, x, turns) -> np.ndarray:
+        """Return the positions (n + 1, 3) [m] from x (3,); turns: about the edge."""
         p_wo = np.r_[x[:2], theta[2] / 2]
-        edge = np.r_[(p_wo + fall * theta[self.axis] / 2)[:2], 0.0]
-        over = np.outer([*self.angle, self.end], np.cross([0, 0, 1.0], fall))
-        R = Rotation.from_rotvec(over).as_matrix()
-        return edge + R @ (p_wo - edge), R @ R_wo
+        edge = np.r_[(p_wo + self.fall(x) * theta[self.axis] / 2)[:2], 0.0]
+        return edge + turns @ (p_wo - edge)
 
 
 def fall(size, angle, samples, gravity, dt) -> np.ndarray:

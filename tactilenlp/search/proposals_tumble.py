@@ -9,6 +9,7 @@ both together start one local solve in free motion.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -58,42 +59,48 @@ class Tumble:
         x = np.repeat(x[:, None], samples, axis=1)
         return Hypothesis(np.abs(S) @ self.theta, x, np.inf, path)
 
-    def joined(self, later: Hypothesis, known) -> Hypothesis:
-        """Return the whole motion, free: tumbled so as to lie where `later` begins.
+    def joined(self, later: Hypothesis) -> Iterator[Hypothesis]:
+        """Yield the whole motions, free: tumbled so as to lie where `later` begins.
 
-        later: planar poses of the renamed object from the action of the tumble on;
-        known (2,): which of the horizontal sides are taken from before.  How tall the
-        object stood, and where the pushed side was, always is.
+        later: planar poses of the renamed object from the action of the tumble on.  One
+        motion for each of KNOWN_SIDES, their rotations are the same.  How tall the
+        object stood, and where the pushed side was, is always taken from before.
         """
-        S, n, k = self.tip.renamed, len(self.tip.angle), self.start + 1
-        theta = np.abs(S).T @ later.theta
-        theta[2] = max(theta[2], self.theta[2])
-        theta[:2] = np.where(known, self.theta[:2], theta[:2])
+        S, tip, n, k = self.tip.renamed, self.tip, len(self.tip.angle), self.start + 1
         stood, landed = self.before.x[:, self.start], later.x[:, n - 1]
-        x = self._upright(theta, stood, landed)
-        past = planar_to_free(theta, carried(self.before.x[:, :k], stood, x))
-        p, R = self.tip.poses(theta, x)
-        off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
-        after = planar_to_free(np.abs(S) @ theta, later.x[:, n:])
-        R_after = matrices(after) @ S
-        tail = slice(n - (self.x.shape[1] - k), n)
-        R = np.concatenate([matrices(past), R[tail], R_after])
-        p = np.vstack([past[:3].T, p[tail], after[:3].T + R_after @ off])
-        return replace(later, theta=theta, x=np.hstack([p, continuous(R)]).T)
+        tail, x = slice(n - (self.x.shape[1] - k), n), np.zeros(3)
+        ahead = (tip.poses(self.theta, x)[1][-1] @ S.T)[:2, 0]
+        x[2] = landed[2] - np.arctan2(ahead[1], ahead[0])
+        R, turns = tip.poses(self.theta, x)[1], tip.turns(x)
+        before, after = self.before.x[:, :k], later.x[:, n:]
+        R_past, R_after = (
+            matrices(planar_to_free(self.theta, flat))
+            for flat in (carried(before, stood, x), after)
+        )
+        R_after = R_after @ S
+        w = continuous(np.concatenate([R_past, R[tail], R_after]))
+        for known in KNOWN_SIDES:
+            theta = np.abs(S).T @ later.theta
+            theta[2] = max(theta[2], self.theta[2])
+            theta[:2] = np.where(known, self.theta[:2], theta[:2])
+            x[:2] = self._upright(theta, x[2], turns, stood, landed)
+            p = tip.positions(theta, x, turns)
+            off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
+            p_past = planar_to_free(theta, carried(before, stood, x))[:3].T
+            p_after = planar_to_free(np.abs(S) @ theta, after)[:3].T + R_after @ off
+            p = np.vstack([p_past, p[tail], p_after])
+            yield replace(later, theta=theta, x=np.hstack([p, w]).T)
 
-    def _upright(self, theta, stood, landed):
-        """Return the planar pose (3,) from which it tips to lie at `landed`.
+    def _upright(self, theta, yaw, turns, stood, landed) -> np.ndarray:
+        """Return the place (2,) from which it tips, its yaw known, to lie at `landed`.
 
         Along the fall the pushed side stays where it `stood`; across, it may slide.
         """
-        S, tip = self.tip.renamed, self.tip
-        ahead = (tip.poses(theta, np.zeros(3))[1][-1] @ S.T)[:2, 0]
-        x = np.r_[0, 0, landed[2] - np.arctan2(ahead[1], ahead[0])]
+        tip, x = self.tip, np.r_[0, 0, yaw]
         out = -tip.fall(x)[:2]
-        x[:2] = landed[:2] - tip.poses(theta, x)[0][-1, :2]
+        place = landed[:2] - tip.positions(theta, x, turns)[-1, :2]
         grown = (theta - self.theta)[tip.axis] / 2
-        x[:2] += out * (out @ (stood[:2] - x[:2]) - grown)
-        return x
+        return place + out * (out @ (stood[:2] - place) - grown)
 
 
 def tumbled(job, kept) -> list[Tumble]:
@@ -178,7 +185,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     later = TrackedSearch(part, lying, solves, executor).starts()
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
-    joined = [t.joined(h, known) for h, t in pairs for known in KNOWN_SIDES]
+    joined = [motion for h, t in pairs for motion in t.joined(h)]
     costs = zip(joined, _costs(job, joined), strict=True)
     costed = (replace(h, objective=cost) for h, cost in costs)
     found = sorted(costed, key=lambda h: h.objective)
@@ -194,7 +201,7 @@ def likeliest_tumbles(job, tumbles) -> list[Tumble]:
     return [tumbles[i] for i in order[:MAX_TUMBLES]]
 
 
-def _costs(job, found) -> list[float]:
+def _costs(job, motions) -> list[float]:
     """Return what was felt costs free hypotheses, and the priors [nats]."""
     every = Reductions(still=False, far=False, absent=True, planar=False)
     window = reduce(job.data, job.scene, job.shape, job.precision, every)
@@ -207,7 +214,7 @@ def _costs(job, found) -> list[float]:
         x = problem.pack(built.values_at(h))
         return sum(float(problem.value(name, x, data).sum()) for name in names)
 
-    return [cost(h) for h in found]
+    return [cost(h) for h in motions]
 
 
 def _tipped(job, h):
