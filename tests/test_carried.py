@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tactilenlp import Options, Session, solve_estimate
 from tactilenlp.interface.request import read_request
-from tactilenlp.search.multi_hypothesis import tracked_paths
+from tactilenlp.search.multi_hypothesis import smoothed_tracks
 
 TURN, AWAY = Rotation.from_euler("z", 50, degrees=True), np.array([0.06, -0.03, 0.0])
 
@@ -42,7 +42,7 @@ def test_tracks_follow_a_box_that_was_carried(carried):
     data, scene = carried
     given = "cuboid", "violation_implicit", Options(), None, None, Session()
     request, _ = read_request(data, scene, *given)
-    jumps = [jump(h.x, data) for h in tracked_paths(request.job, (), 20)]
+    jumps = [jump(h.x, data) for h in smoothed_tracks(request.job, (), 20)]
     # One track alone is a draw: its turn scatters by 2 degrees from seed to seed.
     for way in (jumps[0][0], np.median(jumps, axis=0)[0]):
         assert way == pytest.approx(np.linalg.norm(AWAY), abs=0.01)  # along the face

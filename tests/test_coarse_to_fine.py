@@ -44,7 +44,7 @@ def dense(recorded):
 
 
 def request_of(data, path=None):
-    return SimpleNamespace(job=SimpleNamespace(data=data, path=path))
+    return SimpleNamespace(job=SimpleNamespace(data=data, hypothesis=path))
 
 
 def test_only_a_rate_above_that_of_the_search_is_solved_at_a_lower_rate_first(
@@ -122,7 +122,7 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
         def starts(self):
             first = replace(self.job, data=self.job.data.select([0]))
             found = TrackedSearch(first, [], 1).starts()
-            self.so_far[:] = [self.out_of(h) for h in found]
+            self.incumbents[:] = [self.out_of(h) for h in found]
             raise KeyboardInterrupt
 
     monkeypatch.setattr(initial_search, "TrackedSearch", StoppedSearch)

@@ -74,11 +74,11 @@ def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
         start = replace(estimate, objective=ends.solution.objective - risen)
         solves = Solves()
         enough = updated_by_few(request.job, start, [best], second, solves)
-        return len(solves.found), enough
+        return len(solves.ended), enough
 
     solves = Solves()
     assert updated_by_few(request.job, estimate, [best], None, solves)
-    (ends,) = solves.found  # another start was not asked for
+    (ends,) = solves.ended  # another start was not asked for
     assert after(1.0, lambda: best) == (2, True)  # another start confirms it
     assert after(1.0, lambda: off)[0] == 2
     assert after(2 * most, None) == (1, False)  # no new action costs so much
@@ -143,8 +143,8 @@ def test_an_update_that_time_ends_keeps_what_it_has_solved(asked, estimate):
 
     with pytest.raises(OutOfTime):
         updated_by_few(job, start, [best], second, solves)
-    assert len(solves.found) == 1
-    assert solves.found[0].solution.success
+    assert len(solves.ended) == 1
+    assert solves.ended[0].solution.success
 
 
 @pytest.mark.slow

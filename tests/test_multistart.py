@@ -53,12 +53,12 @@ def test_hypotheses_that_come_together_are_solved_to_the_end_once(case):
 def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
     job, h = case
     known = multistart(job, [h], LEVELS)
-    assert multistart(job, [pushed(h, 1e-4)], LEVELS, known=known) == []
+    assert multistart(job, [pushed(h, 1e-4)], LEVELS, earlier=known) == []
     # A known one that costs 100 nats less than anything: nothing comes near it.
     cheap = replace(known[0].solution, objective=h.objective - 100)
     lucky = replace(known[0], solution=cheap, rough=None)
     far = pushed(h, 30e-3)
-    assert multistart(job, [far], LEVELS, known=[lucky]) == []
+    assert multistart(job, [far], LEVELS, earlier=[lucky]) == []
 
 
 def test_only_the_best_start_is_solved_beyond_the_iterations_of_each(case, monkeypatch):
@@ -79,7 +79,7 @@ def test_only_the_best_start_is_solved_beyond_the_iterations_of_each(case, monke
     assert found[0].cost == pytest.approx(whole.cost, abs=0.3)
     assert len({id(one.problem) for one in found}) == 1  # it is not built again
     asked.clear()
-    known = multistart(job, [pushed(h, 1e-3)], levels, known=[whole])
+    known = multistart(job, [pushed(h, 1e-3)], levels, earlier=[whole])
     assert 1500 not in asked  # it is not ahead of what is known
     assert not any(s.solution.success for s in known)
 
@@ -88,7 +88,7 @@ def test_levels_that_hold_poses_are_solved_one_by_one(case):
     job, h = case
     kept = Solves()
     solved = multistart(job, [h, h], page.LEVELS, solves=kept)
-    assert len(solved) == len(kept.found) == 2
+    assert len(solved) == len(kept.ended) == 2
 
 
 def test_provisional_solves_count_as_long_as_there_is_no_other():

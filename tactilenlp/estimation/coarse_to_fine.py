@@ -27,7 +27,7 @@ from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
 from ..search.solved import Solved
 from ..tracking.tracking import tracked_samples
-from .interrupted import SoFar
+from .interrupted import Incumbents
 from .optima import (
     OTHER_SOLVES,
     REFINEMENT_END,
@@ -48,7 +48,7 @@ def coarse_rows(request: Request) -> np.ndarray | None:
     data = request.job.data
     each = (np.flatnonzero(data.action == a) for a in np.unique(data.action))
     rows = np.concatenate([tracked_samples(data, samples) for samples in each])
-    if len(rows) == data.samples or request.job.path is not None:
+    if len(rows) == data.samples or request.job.hypothesis is not None:
         return None
     try:
         check_touched(_at_rows(data, rows))
@@ -57,40 +57,41 @@ def coarse_rows(request: Request) -> np.ndarray | None:
     return rows
 
 
-def optima_of_dense(request: Request, rows, so_far: SoFar) -> Optima:
+def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
     """Return the optima at all samples, started from those at some rows.
 
     Profile likelihoods, and the models that were declined, are those of the lower rate.
     """
     data = request.job.data
-    part = SoFar([at_coarse_rows(h, rows) for h in so_far.kept])
+    part = Incumbents([at_coarse_rows(h, rows) for h in incumbents.kept])
     try:
         coarse = optima_of(coarse_request(request, rows), part)
     except KeyboardInterrupt:
         ends = [s.at for s in part.solves.best_first()]
         flat = [h for h in ends if is_planar(h.x)] or part.kept
-        so_far.kept = [interpolated(h, data, rows) for h in flat]
+        incumbents.kept = [interpolated(h, data, rows) for h in flat]
         raise
-    so_far.kept = kept = [interpolated(h, data, rows) for h in coarse.kept]
-    if (known := coarse.best) is None:
+    incumbents.kept = kept = [interpolated(h, data, rows) for h in coarse.kept]
+    if (coarse_best := coarse.best) is None:
         starts = [interpolated(h, data, rows) for h in coarse.starts]
         return replace(coarse, kept=kept, starts=starts)
-    made = {name: getattr(known.job.reductions, name) for name in SELECTED}
-    job = as_found(request.job, known.job).with_reductions(**made)
+    made = {name: getattr(coarse_best.job.reductions, name) for name in SELECTED}
+    job = as_found(request.job, coarse_best.job).with_reductions(**made)
     dense = replace(request, job=job)
-    starts = [interpolated(s.at, data, rows) for s in (known, *coarse.modes)]
+    starts = [interpolated(s.at, data, rows) for s in (coarse_best, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
-    job, solves = dense.job_until(REFINEMENT_END), so_far.solves.part()
+    job, solves = dense.job_until(REFINEMENT_END), incumbents.solves.part()
     with job.deadline.ending(OTHER_SOLVES):
         multistart(job, starts, job.page.LEVELS, solves=solves)
     solved = solves.best_first()
     if not solved:
         return Optima(None, [], kept, starts, coarse.searched)
     solved = with_latency(solved)  # more samples tell more of it
-    found = Optima(None, solved, kept, starts, coarse.searched)
-    found = best_certified(dense, found, partial(_certified, known))
-    told = {"declined": known.declined, "profile": known.profile}
-    return replace(found, best=replace(found.best, **told))
+    optima = Optima(None, solved, kept, starts, coarse.searched)
+    optima = best_certified(dense, optima, partial(_certified, coarse_best))
+    declined, profile = coarse_best.declined, coarse_best.profile
+    best = replace(optima.best, declined=declined, profile=profile)
+    return replace(optima, best=best)
 
 
 def coarse_request(request: Request, rows) -> Request:
@@ -117,9 +118,9 @@ def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
     x = np.empty((len(h.x), int(rows[-1]) + 1))
     action = data.action[: x.shape[1]]
     for number in np.unique(action):
-        samples, mine = np.flatnonzero(action == number), data.action[rows] == number
-        for row, pose in zip(x, h.x[:, mine], strict=True):
-            row[samples] = np.interp(data.time[samples], data.time[rows[mine]], pose)
+        samples, knots = np.flatnonzero(action == number), data.action[rows] == number
+        for row, pose in zip(x, h.x[:, knots], strict=True):
+            row[samples] = np.interp(data.time[samples], data.time[rows[knots]], pose)
     return replace(h, x=x)
 
 

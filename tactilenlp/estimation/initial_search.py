@@ -44,25 +44,25 @@ def searched(
     one that was begun.  A floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
-    if (path := request.job.path) is not None:
-        return [path], [path]
+    if (hypothesis := request.job.hypothesis) is not None:
+        return [hypothesis], [hypothesis]
     if search is not None:
-        found = search.starts()
-        return found, found
+        hypotheses = search.starts()
+        return hypotheses, hypotheses
     reduced = reduced_job(request)
     if reduced.scene.ground is None:
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
     if reduced.shape.parameters == "sizes":
-        found = tracked_search(request, reduced, kept).starts()
+        hypotheses = tracked_search(request, reduced, kept).starts()
     else:
-        found = _search_vertices(reduced, plane, kept)
+        hypotheses = _search_vertices(reduced, plane, kept)
     if plane is None:
-        return found, found
-    starts = [in_free_motion(h, plane, reduced.shape) for h in found]
+        return hypotheses, hypotheses
+    starts = [in_free_motion(h, plane, reduced.shape) for h in hypotheses]
     if reduced.shape.last_pose_held:
         starts += [with_faces_tracked(h, request.job.data) for h in starts]
-    return found, starts
+    return hypotheses, starts
 
 
 def reduced_job(request: Request) -> Job:
@@ -76,10 +76,10 @@ def _search_vertices(job, plane, kept) -> list[Hypothesis]:
     if plane is None:
         return search_polytope(job, kept)
     kept[:] = [in_plane(h, plane) for h in kept]
-    found = search_polytope(job, kept)
+    hypotheses = search_polytope(job, kept)
     (other,) = search_polytope(with_tilted_normals(job), kept)
     # Its objective is of wider normals and not comparable: it takes that of the first.
-    return [*found, replace(other, objective=found[0].objective)]
+    return [*hypotheses, replace(other, objective=hypotheses[0].objective)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +134,13 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
 def tracked_search(request: Request, job: Job, kept: list) -> TrackedSearch:
     """Return the search for a shape with sizes, in the frame of the first touch.
 
-    job: with reductions of its own; kept: see TrackedSearch.so_far.
+    job: with reductions of its own; kept: see TrackedSearch.incumbents.
     """
     first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
     job = replace(job, first=first)
     if not default_cache().functions and job.deadline.left > AMPLE:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
-    job, found = frame.job(job), tuple(frame.into(h) for h in kept)
-    given = job, found, request.widths[1], request.executor
-    return TrackedSearch(*given, so_far=kept, out_of=frame.out_of)
+    job, in_frame = frame.job(job), tuple(frame.into(h) for h in kept)
+    arguments = job, in_frame, request.widths[1], request.executor
+    return TrackedSearch(*arguments, incumbents=kept, out_of=frame.out_of)

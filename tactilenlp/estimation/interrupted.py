@@ -24,7 +24,7 @@ SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
 
 
 @dataclass
-class SoFar:
+class Incumbents:
     """What a solve has found by now: hypotheses of the first actions, solved pages."""
 
     kept: list
@@ -61,7 +61,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     return read_off(request, solved, (), seconds, over), solved
 
 
-def interrupted(request: Request, so_far: SoFar) -> Interrupted:
+def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
     """Return the error for Ctrl-C, with the best estimate of what was found by now.
 
     Of solved pages the best, or roughly solved ones where there is no other; before
@@ -70,9 +70,9 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
     estimate.
     """
     data, job = request.data, request.job
-    whole, solved = data.actions, next(iter(so_far.solves.best_first()), None)
-    if solved is None and so_far.kept and job.scene.ground is not None:
-        best = min(so_far.kept, key=lambda h: h.rank)
+    whole, solved = data.actions, next(iter(incumbents.solves.best_first()), None)
+    if solved is None and incumbents.kept and job.scene.ground is not None:
+        best = min(incumbents.kept, key=lambda h: h.rank)
         done, deadline = best.x.shape[1], Deadline.within(SHUTDOWN_TIME)
         data = samples_until(data, done)
         job = replace(
@@ -83,8 +83,8 @@ def interrupted(request: Request, so_far: SoFar) -> Interrupted:
         request = replace(request, data=data, job=job)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
-    kept = [solved.at] if job.shape.hypotheses == 1 else so_far.kept
-    seconds = {**solved.solution.seconds, "total": so_far.spent}
+    kept = [solved.at] if job.shape.hypotheses == 1 else incumbents.kept
+    seconds = {**solved.solution.seconds, "total": incumbents.spent}
     estimate = read_off(request, solved, kept, seconds, NEVER)
     words = f"interrupted, {data.actions} of {whole} actions"
     estimate = replace(estimate, success=False, status=f"{words}, {estimate.status}")

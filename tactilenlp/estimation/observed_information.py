@@ -120,11 +120,11 @@ class Sensitivity:
 
     def of(self, quantity: str, assumption: str) -> np.ndarray:
         """Return how a quantity (3,) moves with an assumption, SI per unit of it."""
-        for name, known in ((quantity, self.maps), (assumption, self.moves)):
-            if name not in known:
+        for name, table in ((quantity, self.maps), (assumption, self.moves)):
+            if name not in table:
                 raise OptionError(
                     "no such name", where="sensitivity", got=name,
-                    expected=f"one of {sorted(known)}",
+                    expected=f"one of {sorted(table)}",
                 )  # fmt: skip
         return self.maps[quantity] @ self.moves[assumption]
 

@@ -1,10 +1,10 @@
 """Optima of the page: search, local solves, model selection, certificates.
 
 A search is repeated from the first touch where the objective says that it has lost the
-path, with a latency of the sensors that was found, and on a ground that was found to
-lean.  Where the fit is not good, or the path costs more than physics leaves, another
-one solves the page after every action: its optima, not tracks of the filter alone, are
-what the next action continues.  The better result counts.
+trajectory, with a latency of the sensors that was found, and on a ground that was found
+to lean.  Where the fit is not good, or physics costs more than usual, another one
+solves the page after every action: its optima, not tracks of the filter alone, are what
+the next action continues.  The better result counts.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
 from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
-from .interrupted import SoFar
+from .interrupted import Incumbents
 
 log = logging.getLogger("tactilenlp")
 REFINEMENT_END, CERTIFICATES_END = 0.85, 1.0  # [-] of the time until the readout
@@ -80,55 +80,55 @@ class Optima:
         return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
 
 
-def optima_of(request: Request, so_far: SoFar, update: Solved | None = None) -> Optima:
+def optima_of(request: Request, incumbents, update: Solved | None = None) -> Optima:
     """Return the optima of the page of a request.
 
-    so_far: what is left by Ctrl-C, filled; update: a rejected incremental update, which
-    competes.
+    incumbents: Incumbents, what is left by Ctrl-C, filled; update: a rejected
+    incremental update, which competes.
     """
-    found = _of_one_search(request, so_far, update)
-    if found.best is None:
-        return found
-    if (second := _search_that_may_gain(request, found.best)) is not None:
-        other = _of_one_search(second, SoFar([], so_far.solves), update)
-        found = _better(found, other)
+    optima = _of_one_search(request, incumbents, update)
+    if optima.best is None:
+        return optima
+    if (second := _search_that_may_gain(request, optima.best)) is not None:
+        other = _of_one_search(second, Incumbents([], incumbents.solves), update)
+        optima = _better(optima, other)
     check = partial(checked, executor=request.executor)
-    found = best_certified(request, found, check)
-    sought = request.job.path is None and fits_badly(request, found.best)
-    other = _solved_by_action(request, found.best.job) if sought else None
-    if other is not None and _differs(other.best, found.solved):
-        found = _better(found, best_certified(request, other, check))
-    best = found.best
+    optima = best_certified(request, optima, check)
+    sought = request.job.hypothesis is None and fits_badly(request, optima.best)
+    other = _solved_by_action(request, optima.best.job) if sought else None
+    if other is not None and _differs(other.best, optima.solved):
+        optima = _better(optima, best_certified(request, other, check))
+    best = optima.best
     with best.job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
-    return replace(found, best=best)
+    return replace(optima, best=best)
 
 
-def _of_one_search(request: Request, so_far: SoFar, update=None, known=()) -> Optima:
+def _of_one_search(request, incumbents, update=None, earlier=()) -> Optima:
     """Return the optima that one search leads to, the best one not certified.
 
-    so_far: hypotheses to continue; filled, as `optima_of` says; known: solves of the
-    same job, which compete.  Where sensors are found to be late, which the search took
-    for prompt, the optima are those of a search from scratch with that latency.
+    incumbents: hypotheses to continue; filled, as `optima_of` says; earlier: solves of
+    the same job, which compete.  Where sensors are found to be late, which the search
+    took for prompt, the optima are those of a search from scratch with that latency.
     """
-    search, few, enough = _updated_by_few(request, so_far)
-    known = [*known, *few]
+    search, few, enough = _updated_by_few(request, incumbents)
+    earlier = [*earlier, *few]
     if enough:
-        kept = starts = [s.at for s in known]
+        kept = starts = [s.at for s in earlier]
     else:
-        kept, starts = searched(request, so_far.kept, search)
-    so_far.kept, seconds = kept, so_far.spent
-    solved = _solved_page(request, starts, so_far, update, known, enough)
+        kept, starts = searched(request, incumbents.kept, search)
+    incumbents.kept, seconds = kept, incumbents.spent
+    solved = _solved_page(request, starts, incumbents, update, earlier, enough)
     if solved and newly_late(request.job, solved[0].job):
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
-        other = _of_one_search(again, SoFar([], so_far.solves), update, solved)
+        other = _of_one_search(again, Incumbents([], incumbents.solves), update, solved)
         return replace(other, searched=seconds)
     return Optima(solved[0] if solved else None, solved, kept, starts, seconds)
 
 
-def _updated_by_few(request, so_far) -> tuple:
+def _updated_by_few(request, incumbents) -> tuple:
     """Return a search that was begun, solves from few starts, whether these suffice.
 
     Where a shape with sizes slid flat and its first actions fit well; noise leaves more
@@ -136,13 +136,15 @@ def _updated_by_few(request, so_far) -> tuple:
     all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    sized = job.shape.parameters == "sizes" and job.path is None and so_far.kept
+    sized = (
+        job.shape.parameters == "sizes" and job.hypothesis is None and incumbents.kept
+    )
     asked = sized and job.reductions.planar and job.contract.rough
     asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search = tracked_search(request, reduced_job(request), so_far.kept)
-    enough, solves = False, so_far.solves.part()
+    search = tracked_search(request, reduced_job(request), incumbents.kept)
+    enough, solves = False, incumbents.solves.part()
     with job.deadline.ending("an update by few starts"):
         enough = updated_by_few(job, start, search.first(), search.second, solves)
     solved = solves.best_first()
@@ -153,11 +155,11 @@ def _updated_by_few(request, so_far) -> tuple:
     return search, solved, enough
 
 
-def _better(found: Optima, other: Optima) -> Optima:
+def _better(optima: Optima, other: Optima) -> Optima:
     """Return the better of two; the seconds are those of the first search."""
-    if other.best is None or other.best.rank >= found.best.rank:
-        return found
-    return replace(other, searched=found.searched)
+    if other.best is None or other.best.rank >= optima.best.rank:
+        return optima
+    return replace(other, searched=optima.searched)
 
 
 def _solved_by_action(request: Request, solved: Job) -> Optima | None:
@@ -172,21 +174,21 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
     doubtful = request.job.shape.parameters == "sizes"
     if not (doubtful or update or len(parts) > 1):
         return None  # it would be the same search
-    log.info("the path is doubtful: searching action by action")
-    request, kept, found = from_scratch(request), [], None
+    log.info("the trajectory is doubtful: searching action by action")
+    request, kept, optima = from_scratch(request), [], None
     for job in parts:
         if not _in_time(request):
             return None
         part = replace(request, job=as_found(job, solved))
-        found = _of_one_search(part, SoFar(list(kept)))
-        if found.best is None:
+        optima = _of_one_search(part, Incumbents(list(kept)))
+        if optima.best is None:
             return None
-        if doubtful and fits_badly(part, found.best) and _in_time(request):
+        if doubtful and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
-            better = _better(found, _of_one_search(rough, SoFar(list(kept))))
-            doubtful, found = better is not found, better
-        kept, solved = found.carried_on(request.widths[0]), found.best.job
-    return found
+            better = _better(optima, _of_one_search(rough, Incumbents(list(kept))))
+            doubtful, optima = better is not optima, better
+        kept, solved = optima.carried_on(request.widths[0]), optima.best.job
+    return optima
 
 
 def _in_time(request: Request) -> bool:
@@ -194,13 +196,13 @@ def _in_time(request: Request) -> bool:
     return request.job_until(SEARCH_END).deadline.left > 0
 
 
-def _differs(found: Solved, solved) -> bool:
+def _differs(optimum: Solved, solved) -> bool:
     """Tell whether a solve is better than others, or another body where they end.
 
     Paths to the same end may be far apart on the way.
     """
-    alike = (same(found.job.shape, found.at, s.at) for s in solved)
-    return found.rank < min(s.rank for s in solved) or not any(alike)
+    alike = (same(optimum.job.shape, optimum.at, s.at) for s in solved)
+    return optimum.rank < min(s.rank for s in solved) or not any(alike)
 
 
 def _search_that_may_gain(request, best: Solved) -> Request | None:
@@ -209,8 +211,12 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     Where an update costs more than it should, and on a ground that was found to lean:
     the first search took it for level.
     """
-    ground, told = best.job.scene.ground, request.job.scene.ground
-    if ground is not told and told.told is None and request.job.path is None:
+    ground, assumed = best.job.scene.ground, request.job.scene.ground
+    if (
+        ground is not assumed
+        and assumed.told is None
+        and request.job.hypothesis is None
+    ):
         log.info("searching again on the ground that leans")
         return replace(from_scratch(request), job=as_found(request.job, best.job))
     if update_costs_too_much(request, best):
@@ -218,27 +224,27 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solved_page(request, starts, so_far, update, known, enough: bool) -> list[Solved]:
+def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[Solved]:
     """Return the page solved, best first.
 
-    known: solves from some of the starts, and whether these are enough.  No solves if
+    earlier: solves from some of the starts, and whether these are enough.  No solves if
     the time limit came before the first one ended.
     """
-    job, solves = request.job_until(REFINEMENT_END), so_far.solves.part(known)
-    earlier = request.start if continues(request.start, job) else None
+    job, solves = request.job_until(REFINEMENT_END), incumbents.solves.part(earlier)
+    past = request.start if continues(request.start, job) else None
 
-    def from_starts(job, starts, known=()) -> list[Solved]:
+    def from_starts(job, starts, earlier=()) -> list[Solved]:
         """Solve one job, whose solves compete with each other alone."""
-        return refined(job, starts, solves.part(), earlier, known)
+        return refined(job, starts, solves.part(), past, earlier)
 
     def freed(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
-        found = from_starts(free, [first] if alone else [first, *starts])
-        return [s for s in found if s.job is free]
+        larger = from_starts(free, [first] if alone else [first, *starts])
+        return [s for s in larger if s.job is free]
 
     try:
-        solved = known if enough else from_starts(job, starts, known)
+        solved = earlier if enough else from_starts(job, starts, earlier)
     except OutOfTime:
         job.deadline.omit(OTHER_SOLVES)
         return solves.best_first()
@@ -262,13 +268,13 @@ def _with_larger_models(flat, freed) -> list[Solved]:
     return with_ground_for_turns(larger)
 
 
-def best_certified(request: Request, found: Optima, check) -> Optima:
+def best_certified(request: Request, optima: Optima, check) -> Optima:
     """Return optima of which the most probable one has its axes named, certified.
 
     check(solved): certifies a solve, or returns a better one.
     """
     deadline = request.job_until(CERTIFICATES_END).deadline
-    solved = [replace(s, job=replace(s.job, deadline=deadline)) for s in found.solved]
+    solved = [replace(s, job=replace(s.job, deadline=deadline)) for s in optima.solved]
     best = solved[0]
     with deadline.ending("certificates"):
         best = most_probable(solved)
@@ -276,4 +282,4 @@ def best_certified(request: Request, found: Optima, check) -> Optima:
         solved = [named if s is best else s for s in solved]
         best = named
         best = check(best)
-    return replace(found, best=best, solved=solved)
+    return replace(optima, best=best, solved=solved)

@@ -20,12 +20,12 @@ from ..search.solved import Solved
 def class_and_page(estimate, shape=None, formulation=None) -> tuple:
     """Return the Shape and the page of an estimate; OptionError for another one."""
     shape = shape_of(estimate.shape if shape is None else shape)
-    given = estimate.formulation if formulation is None else formulation
-    page = page_of(given, shape)
-    for name, mine in (("shape", shape.name), ("formulation", name_of(page))):
-        if (its := getattr(estimate, name)) != mine:
+    stated = estimate.formulation if formulation is None else formulation
+    page = page_of(stated, shape)
+    for name, asked in (("shape", shape.name), ("formulation", name_of(page))):
+        if (own := getattr(estimate, name)) != asked:
             raise OptionError(
-                "not that of the estimate", where=name, got=mine, expected=its,
+                "not that of the estimate", where=name, got=asked, expected=own,
                 next="give it as it was given to solve_estimate",
             )  # fmt: skip
     return shape, page
@@ -60,10 +60,10 @@ def programme_at(estimate, shape=None, formulation=None) -> Solved:
 def _check_same_unknowns(problem, estimate) -> None:
     """Raise OptionError unless an estimate has the unknowns of its problem."""
     for name, variable in problem.variables.items():
-        found = np.shape(estimate.unknowns.get(name, ()))
-        if found != (variable.rows, variable.columns):
+        size = np.shape(estimate.unknowns.get(name, ()))
+        if size != (variable.rows, variable.columns):
             raise OptionError(
                 "the problem of this estimate cannot be built again",
-                where=name, got=found, expected=(variable.rows, variable.columns),
+                where=name, got=size, expected=(variable.rows, variable.columns),
                 next="estimate again with this version of the page",
             )  # fmt: skip

@@ -29,7 +29,7 @@ from ..refinement.model_selection import classes_of, likeliest_class
 from ..search.proposals_surface import on_poses
 from ..search.solved import Solved
 from .coarse_to_fine import coarse_rows, optima_of_dense
-from .interrupted import SoFar, interrupted, not_solved, raise_unless_good
+from .interrupted import Incumbents, interrupted, not_solved, raise_unless_good
 from .optima import CERTIFICATES_END, optima_of
 
 
@@ -65,11 +65,11 @@ def solve_estimate(
     is what throw=False returns, also where the time limit ended the solve.  Ctrl-C
     raises Interrupted, whose `estimate` of the actions done by then can be a start.
     """
-    given = {
+    arguments = {
         "formulation": formulation, "executor": executor, "throw": throw,
         "session": PROCESS if session is None else session,
     }  # fmt: skip
-    one = partial(estimate_of_class, data, scene, **given)
+    one = partial(estimate_of_class, data, scene, **arguments)
     if classes := classes_of(shape):
         check_types(options=(options, (Options, type(None))))
         return likeliest_class(classes, one, start, options or Options())
@@ -88,50 +88,51 @@ def estimate_of_class(
     if poses is not None:
         scene = (Scene() if scene is None else scene).on_ground_of(poses.scene)
         start = poses if shape.parameters == "vertices" else None
-    request, known = read_request(
+    request, hypotheses = read_request(
         data, scene, shape, formulation, options, start, executor, session
     )
     if poses is not None and start is None:
         request = replace(request, job=request.job.as_late_as(poses.sensors))
-        path = on_poses(request.job, poses)
-        if path is None or path.objective > most:
+        hypothesis = on_poses(request.job, poses)
+        if hypothesis is None or hypothesis.objective > most:
             return None
-        request = replace(request, job=replace(request.job, path=path))
-    so_far = SoFar(known)
+        request = replace(request, job=replace(request.job, hypothesis=hypothesis))
+    incumbents = Incumbents(hypotheses)
     try:
         with interruptible():
-            estimate, best = _estimated(request, so_far)
+            estimate, best = _estimated(request, incumbents)
     except KeyboardInterrupt as stop:
-        raise interrupted(request, so_far) from stop
+        raise interrupted(request, incumbents) from stop
     session.keep(estimate, request.job)
     if throw:
         raise_unless_good(estimate, best)
     return estimate
 
 
-def _estimated(request: Request, so_far: SoFar) -> tuple[Estimate, Solved]:
+def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solved]:
     """Return the estimate of a request, and the solved page that it was read from."""
     job, update, accepted = request.job_until(CERTIFICATES_END), None, False
     with job.deadline.ending("an incremental update"):
         update, accepted = updated(job, request.start, certified)
     if accepted:
-        so_far.kept = [update.at]
-        return _read(request, update, so_far, 0.0, [update]), update
+        incumbents.kept = [update.at]
+        return _read(request, update, incumbents, 0.0, [update]), update
     rows = coarse_rows(request)
     if rows is None:
-        found = optima_of(request, so_far, update)
+        optima = optima_of(request, incumbents, update)
     else:
-        found = optima_of_dense(request, rows, so_far)
-    if found.best is None:
-        return not_solved(request, found.starts, so_far.spent)
-    so_far.kept = found.carried_on(request.widths[0])
-    return _read(request, found.best, so_far, found.searched, found.modes), found.best
+        optima = optima_of_dense(request, rows, incumbents)
+    if optima.best is None:
+        return not_solved(request, optima.starts, incumbents.spent)
+    incumbents.kept = optima.carried_on(request.widths[0])
+    best, searched = optima.best, optima.searched
+    return _read(request, best, incumbents, searched, optima.modes), best
 
 
-def _read(request, best, so_far, searched: float, modes) -> Estimate:
+def _read(request, best, incumbents, searched: float, modes) -> Estimate:
     """Return the estimate read from the best page; searched [s] of CPU time."""
     deadline = request.job.deadline
-    seconds = best.solution.seconds | {"search": searched, "total": so_far.spent}
+    seconds = best.solution.seconds | {"search": searched, "total": incumbents.spent}
     seconds |= {"compilation": deadline.spent.get("compilation", 0.0)}
     deadline = deadline.until(deadline.at, strict=True)
-    return read_off(request, best, so_far.kept, seconds, deadline, modes)
+    return read_off(request, best, incumbents.kept, seconds, deadline, modes)

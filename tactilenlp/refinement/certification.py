@@ -75,14 +75,14 @@ def certified(solved) -> Solved:
     job = solved.job
     if job.deadline.passed("certificates"):
         return replace(solved, certificates=Certificates(()))
-    found = certify(job, solved)
+    certificates = certify(job, solved)
     for _ in range(MAX_RESTORED):
-        back = [name for name in found.broken if name != "planar"]
+        back = [name for name in certificates.broken if name != "planar"]
         if not back or job.deadline.passed("restored reductions"):
             break
         log.info("restoring reductions that do not hold: %s", ", ".join(back))
-        more = {*found.cuts, *job.cuts}
-        if found.cuts and (not job.cuts or job.shape.parameters == "vertices"):
+        more = {*certificates.cuts, *job.cuts}
+        if certificates.cuts and (not job.cuts or job.shape.parameters == "vertices"):
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = job.with_reductions(**dict.fromkeys(back, False))
@@ -91,17 +91,17 @@ def certified(solved) -> Solved:
             again = replace(solved_from(job, solved.at), declined=solved.declined)
         if again.solution.objective > solved.solution.objective + RESTORED:
             break  # a worse optimum: the certificates state what does not hold
-        solved, found = again, certify(job, again)
-    return replace(solved, certificates=found)
+        solved, certificates = again, certify(job, again)
+    return replace(solved, certificates=certificates)
 
 
 def _tumbled(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
-    found = recovered(job, evidence, *job.options.widths(precise=False), executor)
+    motions = recovered(job, evidence, *job.options.widths(precise=False), executor)
     free = job.with_reductions(planar=False)
     levels = [ranking(level) for level in job.contract.from_guesses]
-    solved = [solved_from(free, h, levels=levels) for h in found[:MAX_TUMBLE_SOLVES]]
+    solved = [solved_from(free, h, levels=levels) for h in motions[:MAX_TUMBLE_SOLVES]]
     better = [
         s for s in solved
         if s.solution.success and s.solution.objective < flat.solution.objective

@@ -43,8 +43,8 @@ def of_whole_actions(start, job: Job) -> bool:
     With the same reductions but those that a certificate restores, and touches that
     cost what they should.
     """
-    data, known = job.data, start.measurements.samples
-    whole = known < data.samples and data.action[known] != data.action[known - 1]
+    data, done = job.data, start.measurements.samples
+    whole = done < data.samples and data.action[done] != data.action[done - 1]
     restored = dict.fromkeys(LEFT_OUT, True)
     alike = {**start.reductions, **restored} == {**asdict(job.reductions), **restored}
     good = start.fit is not None and start.fit.verdict == "good"
@@ -69,8 +69,8 @@ def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
     The page guesses what the new ones have, whose multipliers are zero.
     """
     missing = np.full(len(built.window.pose) - len(past.window.pose), -1)
-    known = replace(past.window, pose=np.r_[past.window.pose, missing])
-    return transferred(past.with_window(known), built)
+    window = replace(past.window, pose=np.r_[past.window.pose, missing])
+    return transferred(past.with_window(window), built)
 
 
 def updated_by_few(
@@ -109,7 +109,7 @@ def updated_by_few(
 
 
 def still_explained(best, start) -> bool:
-    """Tell whether the path of an earlier estimate explains the new data as well.
+    """Tell whether the trajectory of an earlier estimate explains the new data as well.
 
     More data never cost less: where the objective has not risen nothing can be gained.
     """

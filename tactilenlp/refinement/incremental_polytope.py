@@ -60,24 +60,24 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
         return None, False
     job = replace(job, cuts=start.cuts)
     past = past_solution(job, start)
-    found = joint(job, past, new_action_alone(job, past, past_information(start)))
+    solved = joint(job, past, new_action_alone(job, past, past_information(start)))
     most = update_limit(start, new_actions=1)
 
-    def good(found) -> bool:
-        cheap = found.solution.objective < most
-        return cheap and found.solution.success and not implausible(found)
+    def good(solved) -> bool:
+        cheap = solved.solution.objective < most
+        return cheap and solved.solution.success and not implausible(solved)
 
-    if not good(found):
-        found = _better(found, continued(job, found))
-    if good(found):
-        found = certified(found)
+    if not good(solved):
+        solved = _better(solved, continued(job, solved))
+    if good(solved):
+        solved = certified(solved)
         before = {s.name for s in start.skipped if not s.holds}
-        if {*found.certificates.broken} <= before:
-            return found, True
-    more = found.solution.objective - start.objective
+        if {*solved.certificates.broken} <= before:
+            return solved, True
+    more = solved.solution.objective - start.objective
     words = "incremental update rejected (%+.0f nats): solving all actions again"
     log.info(words, more)
-    return found, False
+    return solved, False
 
 
 def repaired(solves, update=None) -> list[Solved]:
@@ -89,8 +89,8 @@ def repaired(solves, update=None) -> list[Solved]:
     if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
         best = _better(best, continued(best.job, best))
-    found = [best, *others]
-    return found if update is None else best_first([*found, update])
+    solves = [best, *others]
+    return solves if update is None else best_first([*solves, update])
 
 
 def _better(solved: Solved, again: Solved | None) -> Solved:
@@ -107,8 +107,8 @@ def is_one_action_more(start, job: Job) -> bool:
     )
     alike = start.shape == job.shape.name and start.theta.size == job.shape.theta
     alike = alike and {**start.reductions} == asdict(job.reductions)
-    known = start.information is not None and np.isfinite(start.information.matrix)
-    return whole and alike and bool(np.all(known))
+    finite = start.information is not None and np.isfinite(start.information.matrix)
+    return whole and alike and bool(np.all(finite))
 
 
 def past_information(start) -> np.ndarray:
@@ -175,13 +175,13 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
             noting=noting_roots,
         )  # fmt: skip
         build(problem, window, job.scene, shape)
-        known = {
+        start = {
             k: v for k, v in past.solution.values.items()
             if v.size == 1 and k in problem.variables
         }  # fmt: skip
         built = BuiltPage(problem, window, h)
-        known |= built.values_at(h)
-        solution = after(solution, solve_levels(problem, levels, known, options))
+        start |= built.values_at(h)
+        solution = after(solution, solve_levels(problem, levels, start, options))
         h = Solved(h, built, solution, job).at
     return Solved(h, built, solution, job)
 
@@ -205,8 +205,8 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
             values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
         return solution
 
-    found = warm_started(job, past, UPDATE_MU, h, start)
-    return replace(found, solution=after(new.solution, found.solution))
+    solved = warm_started(job, past, UPDATE_MU, h, start)
+    return replace(solved, solution=after(new.solution, solved.solution))
 
 
 def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:

@@ -93,25 +93,25 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
             next="leave it out, or add its class to the list",
         )  # fmt: skip
     began = time.process_time()
-    deadline, found, errors = Deadline.within(options.time_limit), {}, {}
+    deadline, estimates, errors = Deadline.within(options.time_limit), {}, {}
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
         left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
         try:
-            known = start if _starts_from(start, shape) else None
-            estimate = solve(shape=shape, start=known, options=left)
-            found[i] = evidence_of(estimate, shape), estimate
+            own_start = start if _starts_from(start, shape) else None
+            estimate = solve(shape=shape, start=own_start, options=left)
+            estimates[i] = evidence_of(estimate, shape), estimate
         except PageError:
             raise
         except TactileError as error:
             errors[i] = error
-    if not found:
+    if not estimates:
         raise next(iter(errors.values()))
-    _start_from_best(classes, solve, options, deadline, found)
-    failed = {classes[i].name: e for i, e in errors.items() if i not in found}
-    _, best = max(found.values(), key=lambda one: one[0])
+    _start_from_best(classes, solve, options, deadline, estimates)
+    failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
+    _, best = max(estimates.values(), key=lambda one: one[0])
     seconds = best.seconds | {"total": time.process_time() - began}
-    return replace(best, seconds=seconds, classes=odds_of(found.values(), failed))
+    return replace(best, seconds=seconds, classes=odds_of(estimates.values(), failed))
 
 
 def _starts_from(start, shape) -> bool:
@@ -121,17 +121,17 @@ def _starts_from(start, shape) -> bool:
     return getattr(start, "shape", None) == shape.name
 
 
-def _start_from_best(classes, solve, options, deadline, found) -> None:
+def _start_from_best(classes, solve, options, deadline, estimates) -> None:
     """Solve classes that explain the data worse from the poses of the likeliest one.
 
-    found: evidence and Estimate by number of the class, where what is likelier replaces
-    its own.
+    estimates: evidence and Estimate by number of the class, where what is likelier
+    replaces its own.
     """
-    told, best = max(found.values(), key=lambda one: one[0])
+    highest, best = max(estimates.values(), key=lambda one: one[0])
     for i, shape in enumerate(classes):
-        own, estimate = found.get(i, (-np.inf, None))
+        own, estimate = estimates.get(i, (-np.inf, None))
         cost = np.inf if estimate is None else estimate.objective
-        if not np.isfinite(told) or cost <= best.objective + DECISIVE:
+        if not np.isfinite(highest) or cost <= best.objective + DECISIVE:
             continue
         if deadline.passed(f"a {shape.name} from the poses of a {best.shape}"):
             return
@@ -143,7 +143,7 @@ def _start_from_best(classes, solve, options, deadline, found) -> None:
             log.info("%s from the poses of a %s: %s", shape.name, best.shape, error)
             continue
         if again is not None and (more := evidence_of(again, shape)) > own:
-            found[i] = more, again
+            estimates[i] = more, again
 
 
 def evidence_of(estimate, shape) -> float:

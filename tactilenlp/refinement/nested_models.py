@@ -165,9 +165,9 @@ def _with_open_height(job, freed) -> list[Solved]:
     if best.at.theta[2] >= theta[2] or job.deadline.passed("an open height"):
         return freed
     s = best.solution
-    known = replace(s, values=s.values | {"theta": theta[:, None]})
-    known = replace(best, solution=known)
-    higher = warm_started(job, known, FREED_MU)
+    raised = replace(s, values=s.values | {"theta": theta[:, None]})
+    raised = replace(best, solution=raised)
+    higher = warm_started(job, raised, FREED_MU)
     return best_first([*freed, higher])
 
 

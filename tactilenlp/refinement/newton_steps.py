@@ -106,8 +106,8 @@ def _turned_by_steps(best: Solved, needed) -> Solved:
     """
     for _ in range(MAX_TILTS):
         job, ground = best.job, best.job.scene.ground
-        given = best.window, job.data, job.scene, _first_touched(best)
-        tilt = ground_tilt(best.kkt, job.build, *given)
+        arguments = best.window, job.data, job.scene, _first_touched(best)
+        tilt = ground_tilt(best.kkt, job.build, *arguments)
         if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
         if job.deadline.passed("a tilt of the ground"):
@@ -123,8 +123,8 @@ def _turned_by_steps(best: Solved, needed) -> Solved:
 def ground_may_tilt(job) -> bool:
     """Tell whether the ground may lean, and a page be solved on another one."""
     scene = job.scene
-    known = scene.ground is None or scene.sigma_tilt == 0
-    return not known and "level" in job.contract.freed
+    fixed = scene.ground is None or scene.sigma_tilt == 0
+    return not fixed and "level" in job.contract.freed
 
 
 def _first_touched(solved: Solved):
@@ -141,11 +141,11 @@ def _on_ground(ground, solved: Solved) -> Solved:
 
 def on_ground(job, ground):
     """Return a job whose data are in the frame of another ground."""
-    known = job.scene.ground
-    if ground is known:
+    old = job.scene.ground
+    if ground is old:
         return job
-    R = ground.rotation @ known.rotation.T
-    t = ground.rotation @ known.origin + ground.translation
+    R = ground.rotation @ old.rotation.T
+    t = ground.rotation @ old.origin + ground.translation
     scene = replace(job.scene, ground=ground)
     job = job.of_data(lambda data: data.transformed(R, t))
     return replace(job, scene=scene)
@@ -166,11 +166,11 @@ def with_latency(solves) -> list[Solved]:
         needed = needed_gain(misfit_of(prompt).spread, occam)
     if late.cost > prompt.cost - needed:
         return solves
-    told = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
+    precision = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
     log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
-             1e3 * told.latency, prompt.cost - late.cost)  # fmt: skip
-    best = replace(late, job=replace(late.job, precision=told))
-    others = [warm_started(s.job.as_late_as(told), s) for s in _close(solves)]
+             1e3 * precision.latency, prompt.cost - late.cost)  # fmt: skip
+    best = replace(late, job=replace(late.job, precision=precision))
+    others = [warm_started(s.job.as_late_as(precision), s) for s in _close(solves)]
     return best_first([best, *others])
 
 
@@ -182,9 +182,10 @@ def as_found(job, other):
 def newly_late(job, other) -> bool:
     """Tell whether another job has a latency that a search of this one has not known.
 
-    A job with a path is not searched.
+    A job with a hypothesis is not searched.
     """
-    return other.precision.latency > job.precision.latency == 0 and job.path is None
+    new = other.precision.latency > job.precision.latency == 0
+    return new and job.hypothesis is None
 
 
 def may_be_late(job) -> bool:
@@ -205,9 +206,11 @@ def _late_by_steps(best: Solved) -> tuple[Solved, Doubt]:
         if best.job.deadline.passed("a latency"):
             break
         step = np.clip(factor * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
-        told = best.job.precision
-        told = replace(told, latency=max(0.0, float(told.latency + step)))
-        late = best.job.as_late_as(told)
+        precision = best.job.precision
+        precision = replace(
+            precision, latency=max(0.0, float(precision.latency + step))
+        )
+        late = best.job.as_late_as(precision)
         again = warm_started(late, best)
         gained = best.cost - again.cost
         if not again.solution.success or gained < BETTER_OPTIMUM:

@@ -40,23 +40,23 @@ def deviation_along(
     finger. A smaller one is solved where a larger one gives no result; of a pose both
     directions are solved, and the wider one counts.
     """
-    known = max(off[axis], LEAST_SIGMA)
-    off = off * min(1.0, prior / known)
+    hessian_sigma = max(off[axis], LEAST_SIGMA)
+    off = off * min(1.0, prior / hessian_sigma)
     is_open, widest = touched is None or touched.min() < KNOWN_FACE, None
     rise = PROFILE_RISE / 2 if touched is None else PROFILE_RISE
     for way in (1, -1):
         behind = touched if is_open and way > 0 else None
-        there = elsewhere(axis, way * direction / known, behind)
-        sigma_so_far = abs((off if widest is None else widest)[axis])
+        there = elsewhere(axis, way * direction / hessian_sigma, behind)
+        least_sigma = abs((off if widest is None else widest)[axis])
         # Where a Gaussian costs twice as much; most cost half as much.
-        first = min(np.sqrt(4 * rise) * known, VAGUE_SHARE * prior)
+        first = min(np.sqrt(4 * rise) * hessian_sigma, VAGUE_SHARE * prior)
         first = min(max(first, FIRST_STEP), prior)
-        given = best, axis, first, sigma_so_far, prior, rise, seeks
+        arguments = best, axis, first, least_sigma, prior, rise, seeks
         prior_added = None if cost is None else (lambda step, way=way: cost(way * step))
-        found, better = _profile_one_side(there, *given, prior_added)
+        one_side, better = _profile_one_side(there, *arguments, prior_added)
         if better is not None:
             return off, better
-        both = [d for d in (widest, found) if d is not None]
+        both = [d for d in (widest, one_side) if d is not None]
         widest = max(both, key=lambda d: abs(d[axis]), default=None)
         if widest is not None and touched is not None:
             break
@@ -66,18 +66,18 @@ def deviation_along(
 
 
 def _profile_one_side(
-    there, best, axis, step, sigma_so_far, prior, target_rise, seeks, cost
+    there, best, axis, step, least_sigma, prior, target_rise, seeks, cost
 ):
     """Return the widest deviation (k,) in one direction, or None; and a better optimum.
 
     there(step): the solve with that one held so far off [m], or None;
-    sigma_so_far [m]: from the other direction or the Hessian; target_rise [nats]: at
+    least_sigma [m]: from the other direction or the Hessian; target_rise [nats]: at
     which the profile ends; it also ends beyond the distance at which that rise leaves a
     large deviation; cost(step): of the prior, of an open size.
     """
-    found, points, least_growth = None, [(0.0, 0.0)], 1.0
+    widest, points, least_growth = None, [(0.0, 0.0)], 1.0
     farthest = VAGUE_SHARE * prior * np.sqrt(2 * target_rise)
-    while (sigma_so_far if found is None else abs(found[axis])) < VAGUE_SHARE * prior:
+    while (least_sigma if widest is None else abs(widest[axis])) < VAGUE_SHARE * prior:
         moved = there(step)
         if moved is None:
             break
@@ -86,45 +86,45 @@ def _profile_one_side(
             return None, moved
         points.append((step, max(price, 0.0)))
         deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
-        if found is None or deviation > abs(found[axis]):
-            found = (moved.at.end - best.at.end) * deviation / step
+        if widest is None or deviation > abs(widest[axis]):
+            widest = (moved.at.end - best.at.end) * deviation / step
         if price >= ENDED * target_rise or step >= farthest:
             break
         growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
         step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
         least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
     if cost is not None:
-        vague = VAGUE_SHARE * prior <= sigma_so_far < ENDED * prior  # by the Hessian
-        least = sigma_so_far if vague else 0.0
-        given = best, axis, found, points, least, prior, target_rise, cost
-        found = _open_deviation(there, *given)
-    return found, None
+        vague = VAGUE_SHARE * prior <= least_sigma < ENDED * prior  # by the Hessian
+        least = least_sigma if vague else 0.0
+        arguments = best, axis, widest, points, least, prior, target_rise, cost
+        widest = _open_deviation(there, *arguments)
+    return widest, None
 
 
-def _open_deviation(there, best, axis, found, points, least, prior, target_rise, cost):
-    """Return the deviation (k,) of an open size, or None; found: by its profile.
+def _open_deviation(there, best, axis, widest, points, least, prior, target_rise, cost):
+    """Return the deviation (k,) of an open size, or None; widest: by its profile.
 
     Solves farther off tell whether the rise levels off, until no plateau at the last
     rise would widen the deviation, and, at a deviation of the prior, whether a large
     one by the Hessian, least [m], 0 if there is none, is larger.  points: see
     `_of_posterior`.
     """
-    given = cost, prior, target_rise
+    arguments = cost, prior, target_rise
     (step, price), ended = points[-1], points[-1][1] >= ENDED * target_rise
     while step < prior and price < 2 * target_rise and (least or ended):
-        plateau = _of_posterior([*points, (prior, price)], *given)
-        if not least and plateau <= abs(found[axis]):
+        plateau = _of_posterior([*points, (prior, price)], *arguments)
+        if not least and plateau <= abs(widest[axis]):
             break
         step = prior if least else min(TAIL_GROWTH * step, prior)
         if (moved := there(step)) is None:
             break
         price = max(moved.solution.objective - best.solution.objective, 0.0)
         points = [*points, (step, price)]
-        found = (moved.at.end - best.at.end) * least / prior if least else found
-    if found is None or price >= 2 * target_rise:
-        return found
-    deviation = min(_of_posterior(points, *given), prior)
-    return found * max(1.0, deviation / abs(found[axis]))
+        widest = (moved.at.end - best.at.end) * least / prior if least else widest
+    if widest is None or price >= 2 * target_rise:
+        return widest
+    deviation = min(_of_posterior(points, *arguments), prior)
+    return widest * max(1.0, deviation / abs(widest[axis]))
 
 
 def _of_posterior(points, cost, prior, target_rise) -> float:
@@ -138,8 +138,8 @@ def _of_posterior(points, cost, prior, target_rise) -> float:
     steps, rises = np.array(points).T
     d = np.linspace(0, prior * np.sqrt(2 * target_rise), POSTERIOR_NODES)
     rise, behind = np.interp(d, steps, np.sqrt(rises)) ** 2, d > steps[-1]
-    told = rises[-2:] - cost(steps[-2:])
-    slope = max(0.0, (told[1] - told[0]) / (steps[-1] - steps[-2]))
+    rest = rises[-2:] - cost(steps[-2:])
+    slope = max(0.0, (rest[1] - rest[0]) / (steps[-1] - steps[-2]))
     rise[behind] += slope * (d[behind] - steps[-1])
     rise[behind] += cost(d[behind]) - cost(steps[-1])
     density = np.exp(-rise)

@@ -1,6 +1,6 @@
 r"""Profile likelihood of sizes and of the final position.
 
-The optimum of a size that no touch determines, or only by way of a path, is often a
+The optimum of a size that no touch determines, or only by a trajectory, is often a
 kink: cones and sliding are not smooth, and from there the objective grows as the
 distance, not as its square.  It looks sharp to a Hessian and is not.  So the page is
 solved again with the size s held elsewhere, all else free, farther each time until the
@@ -74,39 +74,39 @@ def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     chosen = final_unknowns(solved.problem)
     by_gradient, _ = solved.kkt.sensitivity(chosen)
     variance = np.diag(by_gradient[chosen])
-    # Not positive where the Hessian is indefinite: it tells nothing, `known` is inf.
-    known = np.sqrt(np.where(variance > 0, variance, np.inf))
-    least = n + int(np.argmax(known[n : n + 2]))
-    if known[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
-        profile[least] = by_gradient[chosen, least] / known[least]
+    # Not positive where the Hessian is indefinite: it tells nothing, `sigma` is inf.
+    sigma = np.sqrt(np.where(variance > 0, variance, np.inf))
+    least = n + int(np.argmax(sigma[n : n + 2]))
+    if sigma[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
+        profile[least] = by_gradient[chosen, least] / sigma[least]
     elsewhere = partial(_constrained, solved, chosen)
-    for axis, widest, *how in _asked(solved, faces, known, least, seeks):
-        way = by_gradient[:, axis] / variance[axis] * min(known[axis], widest)
-        given = solved, widest, axis, way, way[chosen], *how
-        profile[axis], better = deviation_along(elsewhere, *given)
+    for axis, widest, *how in _asked(solved, faces, sigma, least, seeks):
+        way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], widest)
+        arguments = solved, widest, axis, way, way[chosen], *how
+        profile[axis], better = deviation_along(elsewhere, *arguments)
         if better is not None:
             return profile, better
     return profile, None
 
 
-def _asked(solved, faces, known, least, seeks) -> list[tuple]:
+def _asked(solved, faces, sigma, least, seeks) -> list[tuple]:
     """Return what is profiled, each with the arguments of `deviation_along`.
 
     Axis, prior, touched, seeks and cost: of open and of noisy sizes, of the position
     `least`, if the Hessian claims it, and of the yaw of a box that no side was felt of.
     """
-    job, shape, at, found = solved.job, solved.job.shape, solved.at, []
+    job, shape, at, profiles = solved.job, solved.job.shape, solved.at, []
     for axis, touched in enumerate(faces):
         is_open = touched.min() < KNOWN_FACE
-        if is_open or known[axis] >= faces_sigma(job, touched):
+        if is_open or sigma[axis] >= faces_sigma(job, touched):
             widest = prior_deviations(shape, at.theta)[axis]
             cost = prior_cost(shape, at, axis) if is_open else None
-            found.append((axis, widest, touched, seeks, cost))
-    if known[least] < KNOWN_POSITION:
-        found.append((least, shape.typical_deviation, None, seeks, None))
+            profiles.append((axis, widest, touched, seeks, cost))
+    if sigma[least] < KNOWN_POSITION:
+        profiles.append((least, shape.typical_deviation, None, seeks, None))
     if shape.is_box and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
-        found.append((shape.theta + 2, ANY_YAW, None, False, np.zeros_like))
-    return found
+        profiles.append((shape.theta + 2, ANY_YAW, None, False, np.zeros_like))
+    return profiles
 
 
 def touched_ends(shape, solved) -> np.ndarray | None:
@@ -182,11 +182,11 @@ def _constrained(solved, chosen, axis, direction, touched) -> Callable:
             values = values | solved.built.values_at(moved)
         start = replace(latest.solution, values=values)
         settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
-        found = solve_levels(problem, (level,), start, settings, solved.built.solvers)
-        feasible = max(found.violations.values(), default=0.0) <= RANKING_TOLERANCE
-        if not (feasible and (found.success or found.objective < highest)):
+        again = solve_levels(problem, (level,), start, settings, solved.built.solvers)
+        feasible = max(again.violations.values(), default=0.0) <= RANKING_TOLERANCE
+        if not (feasible and (again.success or again.objective < highest)):
             return None
-        latest, reached = replace(solved, solution=found), step
+        latest, reached = replace(solved, solution=again), step
         return latest
 
     return there

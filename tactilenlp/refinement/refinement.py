@@ -33,11 +33,11 @@ from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import repaired
 
 
-def refined(job, kept, solves, start=None, known=()) -> list[Solved]:
+def refined(job, kept, solves, start=None, earlier=()) -> list[Solved]:
     """Return the page solved from hypotheses, best first.
 
     solves: Solves, where they are added; start: an estimate of this page that this one
-    continues; known: solves from some of the hypotheses.
+    continues; earlier: solves from some of the hypotheses.
     """
     sized = job.shape.parameters == "sizes"
     required = required_reductions(job.page, Reductions())
@@ -45,11 +45,11 @@ def refined(job, kept, solves, start=None, known=()) -> list[Solved]:
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
         flat = replace(job, reductions=required)
-        found = repaired(refined(flat, kept, solves.provisional(), start))
-        if not sized or planar_certificate(flat, found[0]).holds:
-            return _in_free_motion(job, found[: job.shape.hypotheses], solves)
+        slid = repaired(refined(flat, kept, solves.provisional(), start))
+        if not sized or planar_certificate(flat, slid[0]).holds:
+            return _in_free_motion(job, slid[: job.shape.hypotheses], solves)
     start = start if sized else None
-    return _solved_promising(job, kept, solves, start, known)
+    return _solved_promising(job, kept, solves, start, earlier)
 
 
 def _in_free_motion(job, slid, solves) -> list[Solved]:
@@ -60,7 +60,7 @@ def _in_free_motion(job, slid, solves) -> list[Solved]:
     return best_first(solves.add(freed_to_tilt(job, s)) for s in slid)
 
 
-def _solved_promising(job, kept, solves, start, known) -> list[Solved]:
+def _solved_promising(job, kept, solves, start, earlier) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first ones, which continue `start`, explain the new data, they are solved
@@ -70,12 +70,12 @@ def _solved_promising(job, kept, solves, start, known) -> list[Solved]:
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
     promising = in_distinct_namings(job, promising)
-    begun = [s.hypothesis.x for s in known]
+    begun = [s.hypothesis.x for s in earlier]
     promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in begun)]
-    few = start is not None and promising and not known
+    few = start is not None and promising and not earlier
     close = promising[0].objective + UNCHANGED if few else np.inf
     first = [h for h in promising if h.objective <= close]
-    again = [*known, *([] if start is None else solved_again(job, start))]
+    again = [*earlier, *([] if start is None else solved_again(job, start))]
     solved = multistart(job, first, levels, again, solves)
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
@@ -116,7 +116,7 @@ def fits_badly(request, best: Solved) -> bool:
     """Tell whether a body on the ground may have moved otherwise than it was found.
 
     Its touches cost more than expected: the fit is not good; or it moved between two
-    actions though its speed did not carry it on; or precise touches agree with a path
+    actions though its speed did not carry it on; or precise touches agree with poses
     that physics does not, by more than each action leaves.  Another search finds more
     where it goes action by action, is less sure of how pushes move a body, or sure that
     nobody carries it.  Of a class with sizes that is no box, the class may be wrong.
@@ -133,7 +133,7 @@ def fits_badly(request, best: Solved) -> bool:
     )
     if fit is not None and fit.verdict != "good":
         return True
-    # Of 96 clean boxes physics costs 5 to 14 nats on the paths of the four that were
+    # Of 96 clean boxes physics costs 5 to 14 nats on the poses of the four that were
     # lost, and at most 3.9 on those of all others; of soft fingertips it has no row.
     rows = {} if fit is None else fit.terms
     physics = rows[PHYSICS_ROW].actual if PHYSICS_ROW in rows else 0.0

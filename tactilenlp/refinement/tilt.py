@@ -105,7 +105,7 @@ def _tilts(shape, theta, x, window) -> np.ndarray:
     touch, step, poses = window.touch, window.step, window.poses
     sigma, rests = np.hypot(NORMAL, window.sigma_normal), np.r_[0, window.gap.pose]
     normals, slopes = _normals(shape, window.finger, touch.p_wf.shape)
-    given = np.repeat(theta[:, None], len(touch), 1), x[:, touch.pose]
+    arguments = np.repeat(theta[:, None], len(touch), 1), x[:, touch.pose]
     fingers = touch.p_wf.T, touch.radius[None]
     kept = eye(poses, format="csr")
     changes = vstack([kept[step.pose] - kept[step.before], kept[rests] / AS_IT_BEGINS])
@@ -116,20 +116,20 @@ def _tilts(shape, theta, x, window) -> np.ndarray:
 
     def residuals(u):
         at = u.reshape(2, poses)[:, touch.pose]
-        off = np.asarray(normals(*given, at, *fingers)) - touch.normal.T
+        off = np.asarray(normals(*arguments, at, *fingers)) - touch.normal.T
         return np.r_[change @ u, off.T.ravel() / sigma]
 
     def jacobian(u):
         at = u.reshape(2, poses)[:, touch.pose]
-        each = np.asarray(slopes(*given, at, *fingers)) / sigma
+        each = np.asarray(slopes(*arguments, at, *fingers)) / sigma
         places = (each.ravel(), (rows.ravel(), columns.ravel()))
         return vstack([change, csr_matrix(places, (3 * len(touch), 2 * poses))])
 
     # Unscaled, the rows of tilts as actions begin take 1800 steps instead of 11.
-    found = least_squares(
+    fit = least_squares(
         residuals, np.zeros(2 * poses), jacobian, loss="soft_l1", x_scale="jac"
     )
-    return found.x.reshape(2, poses)
+    return fit.x.reshape(2, poses)
 
 
 def _normals(shape, finger, of) -> tuple:

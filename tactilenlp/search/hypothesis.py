@@ -23,13 +23,13 @@ from ..data.sensor_noise import latency_cost, with_fingers_earlier
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
-from ..tracking.surface import path_outline, supports
+from ..tracking.surface import supports, trajectory_outline
 from ..tracking.tracks import diverse
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
-EVERY = 8  # samples of a path that are compared
-# [m] far paths; [nats] their bonus; too far behind:
+EVERY = 8  # samples of a trajectory that are compared
+# [m] far trajectories; [nats] their bonus; too far behind:
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
 
 
@@ -99,7 +99,7 @@ class Job:
     store of term functions, filled by the solves; first: a user's guesses (name, theta,
     x) of the first touch; cuts: samples within rest intervals that need a pose of their
     own; process_noise: factor of the search's; may_be_carried: whether the search
-    considers that a body was, between two actions; path: a Hypothesis of all samples
+    considers that a body was, between two actions; hypothesis: one of all samples
     that is solved instead of a search; recorded: the data before a latency, if any.
 
     Pickled, it has no page: other processes search, and solve pages of their own.
@@ -118,7 +118,7 @@ class Job:
     cuts: tuple = ()
     process_noise: float = 1.0
     may_be_carried: bool = True
-    path: Hypothesis | None = None
+    hypothesis: Hypothesis | None = None
     recorded: object = None
 
     def __getstate__(self) -> dict:
@@ -173,7 +173,7 @@ class Job:
 
 
 def distinct(
-    shape, found, count: int, hopeless: float, samples=COMPARED
+    shape, hypotheses, count: int, hopeless: float, samples=COMPARED
 ) -> list[Hypothesis]:
     """Return the best `count` hypotheses of which no two are the same body.
 
@@ -181,7 +181,7 @@ def distinct(
     compared.
     """
     kept = []
-    for h in sorted(found, key=lambda h: h.rank):
+    for h in sorted(hypotheses, key=lambda h: h.rank):
         if kept and h.objective > kept[0].objective + hopeless:
             break
         if len(kept) < count and not any(same(shape, h, k, samples) for k in kept):
@@ -216,8 +216,8 @@ def _folded(shape, yaw):
 
 
 def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
-    """Return the best hypothesis, then good ones whose paths are far from those."""
-    outlines = np.array([path_outline(shape, h, EVERY) for h in hypotheses])
+    """Return the best hypothesis, then good ones whose trajectories are far."""
+    outlines = np.array([trajectory_outline(shape, h, EVERY) for h in hypotheses])
     cost = np.array([h.objective for h in hypotheses])
     chosen, off = [int(np.argmin(cost))], np.full(len(cost), np.inf)
     while len(chosen) < min(count, len(cost)):

@@ -51,30 +51,30 @@ class Executor(Protocol):
 
 
 def least_motion(
-    job: Job, tracks, executor: Executor | None = None, known: dict | None = None
+    job: Job, tracks, executor: Executor | None = None, cache: dict | None = None
 ) -> list[Hypothesis]:
     """Return for the first tracks, in order, the optimum of least motion from there.
 
     It ends where hardly an optimum is left to be seen (`unseen`).  executor: over which
-    the tracks are solved, several at a time; known: optima by track, extended.
+    the tracks are solved, several at a time; cache: optima by track, extended.
     """
-    known = {} if known is None else known
-    found, optima, given = [], [], (job, [h for h in tracks if h not in known])
-    new = _solves(*given) if executor is None else _spread(*given, executor)
+    cache = {} if cache is None else cache
+    ends, optima, left = [], [], [h for h in tracks if h not in cache]
+    new = _solves(job, left) if executor is None else _spread(job, left, executor)
     for track in tracks:
-        if track not in known:
-            known[track] = next(new)
-        h = known[track]
-        found.append(h)
+        if track not in cache:
+            cache[track] = next(new)
+        h = cache[track]
+        ends.append(h)
         if not any(same(job.shape, h, other) for other in optima):
             optima.append(h)
-        limit = min(h.objective for h in found) + LEAST_MOTION_BEHIND
-        starts, seen = (sum(h.objective <= limit for h in k) for k in (found, optima))
+        limit = min(h.objective for h in ends) + LEAST_MOTION_BEHIND
+        starts, seen = (sum(h.objective <= limit for h in k) for k in (ends, optima))
         if unseen(starts, seen) < UNSEEN:
             words = "least motion: %d optima from %d starts, others are not expected"
             log.info(words, seen, starts)
             break
-    return found
+    return ends
 
 
 def unseen(starts: int, seen: int) -> float:

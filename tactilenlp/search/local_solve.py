@@ -68,46 +68,46 @@ def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved
 # Warm starts: values and multipliers of an earlier solution
 
 
-def transferred(known: Solved, built: BuiltPage) -> Solution:
+def transferred(past: Solved, built: BuiltPage) -> Solution:
     """Return a solution as the start of another problem of the same data, or of more.
 
     Values and multipliers of what both problems have are kept; the page guesses the
     values of the rest, whose multipliers are zero.
     """
-    values, bounds, multipliers = transferred_values(known, built.window, built.problem)
+    values, bounds, multipliers = transferred_values(past, built.window, built.problem)
     return replace(
-        known.solution, values=values, bound_multipliers=bounds, multipliers=multipliers
+        past.solution, values=values, bound_multipliers=bounds, multipliers=multipliers
     )
 
 
 def warm_started(
-    job, known: Solved, mu_init: float = RESTART_MU, hypothesis=None,
+    job, past: Solved, mu_init: float = RESTART_MU, hypothesis=None,
     start: Callable = transferred,
 ) -> Solved:  # fmt: skip
     """Solve the page's last level from an earlier solution and its multipliers.
 
-    known: solved with other reductions, or with less data; mu_init: of IPOPT;
-    hypothesis: at which the problem is built, by default that of `known`;
-    start(known, built): the Solution to start from.
+    past: solved with other reductions, or with less data; mu_init: of IPOPT;
+    hypothesis: at which the problem is built, by default that of `past`;
+    start(past, built): the Solution to start from.
     """
-    built = built_page(job, hypothesis or known.hypothesis)
+    built = built_page(job, hypothesis or past.hypothesis)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": mu_init})
-    solved = built.solved(job, (last,), start(known, built))
-    return replace(solved, declined=known.declined)
+    solved = built.solved(job, (last,), start(past, built))
+    return replace(solved, declined=past.declined)
 
 
 def freed_to_tilt(job, slid: Solved) -> Solved:
     """Solve the page in free motion from its solution `slid` in planar motion."""
     s, at = slid.solution, slid.at
     x = planar_to_free(at.theta, s.values["x"], job.shape)
-    known = replace(
+    raised = replace(
         s, values=s.values | {"x": x},
         bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
     )  # fmt: skip
     at = replace(at, x=planar_to_free(at.theta, at.x, job.shape))
-    lying = replace(slid, hypothesis=at, solution=known)
-    found = warm_started(job, lying)
-    return replace(found, solution=after(s, found.solution))
+    lying = replace(slid, hypothesis=at, solution=raised)
+    tilted = warm_started(job, lying)
+    return replace(tilted, solution=after(s, tilted.solution))
 
 
 # Continuation: from an easier problem of the same page to the page itself
@@ -117,9 +117,9 @@ def continued(job, solved: Solved) -> Solved | None:
     """Solve again by continuation from where a solve ended; None if the page has none.
 
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
-    the kinks between sliding and sticking, which can hold a path in a local optimum,
-    are smooth there.  A page that is extended action by action (`EXTENDS`) goes through
-    all its levels, rebuilt before each.  None as well without time for it.
+    the kinks between sliding and sticking, which can hold poses in a local optimum, are
+    smooth there.  A page that is extended action by action (`EXTENDS`) goes through all
+    its levels, rebuilt before each.  None as well without time for it.
     """
     if job.deadline.passed("continuation"):
         return None

@@ -2,7 +2,7 @@
 
 Bodies that explain the first touch, a guess, or the posterior of what was solved before
 (a Gaussian mixture) are tracked through all samples by the package `tracking`.  What is
-returned starts the local solves: paths of tracks, and optima of least motion from many
+returned starts the local solves: smoothed tracks, and optima of least motion from many
 of them (least_motion.py), each far from the others.
 """
 
@@ -64,18 +64,18 @@ class _Past:
         return self.kept[0].x.shape[1] if self.kept else 0
 
     def continued(self, of: int, begin, end, tail, objective) -> Hypothesis:
-        """Return the path that continues hypothesis `of`, changed to end at `begin`."""
+        """Return hypothesis `of`, changed to end at `begin`, with the poses `tail`."""
         theta = end[:-3]
         if not self.kept:
             return Hypothesis(theta, tail, objective, (self.name,))
         h = self.kept[of]
-        change, words = begin - h.end, (*h.path, self.name)
+        change, path = begin - h.end, (*h.path, self.name)
         if abs(change[-1]) > TURNED_AS_A_WHOLE:
             past = carried(h.x, h.x[:, -1], begin[-3:])
         else:
             past = h.x + (self.along[of] @ change).T
-        path = np.hstack([past, tail])
-        return replace(h, theta=theta, x=path, objective=objective, path=words)
+        x = np.hstack([past, tail])
+        return replace(h, theta=theta, x=x, objective=objective, path=path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ class TrackedSearch:
     """The search for the starts of a job: tracks, and optima of least motion from them.
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
-    executor: see least_motion; so_far: holds hypotheses of the actions done, also by
-    Ctrl-C; out_of: maps a hypothesis that is found to another frame.  What it was asked
+    executor: see least_motion; incumbents: holds hypotheses of the actions done, also
+    by Ctrl-C; out_of: maps a resulting hypothesis to another frame.  What it was asked
     for first is not computed again.
     """
 
@@ -92,7 +92,7 @@ class TrackedSearch:
     kept: Sequence[Hypothesis]
     count: int
     executor: Executor | None = None
-    so_far: list = field(default_factory=list)
+    incumbents: list = field(default_factory=list)
     out_of: Callable[[Hypothesis], Hypothesis] = field(default=lambda h: h)
     lying: dict = field(default_factory=dict)  # of tracks: the optima of least motion
 
@@ -121,23 +121,23 @@ class TrackedSearch:
         """
         lying = self._lying(self._far_apart[:ROUND])
         lying = sorted(lying, key=lambda h: h.objective)
-        found = distinct(self.job.shape, lying, ROUND, DECISIVE)
-        return [self.out_of(h) for h in found]
+        optima = distinct(self.job.shape, lying, ROUND, DECISIVE)
+        return [self.out_of(h) for h in optima]
 
     def second(self) -> Hypothesis:
         """Return the best track as it is: another start than least motion."""
         return self.out_of(self._continued[0])
 
-    def _keep(self, found) -> list[Hypothesis]:
-        self.so_far[:] = [self.out_of(h) for h in found]
-        return list(self.so_far)
+    def _keep(self, hypotheses) -> list[Hypothesis]:
+        self.incumbents[:] = [self.out_of(h) for h in hypotheses]
+        return list(self.incumbents)
 
     def _lying(self, tracks) -> list[Hypothesis]:
         return least_motion(self.job, tracks, self.executor, self.lying)
 
     @cached_property
     def _continued(self) -> list[Hypothesis]:
-        return tracked_paths(self.job, self.kept, SMOOTHED, self._keep)
+        return smoothed_tracks(self.job, self.kept, SMOOTHED, self._keep)
 
     @cached_property
     def _far_apart(self) -> list[Hypothesis]:
@@ -155,7 +155,7 @@ class TrackedSearch:
             # Noise leaves hypotheses open that the mixture has lost: 21 nats once.
             again.append((job, (), "a search from scratch"))
         return [
-            self._varied(tracked_paths(other, continued, SMOOTHED))
+            self._varied(smoothed_tracks(other, continued, SMOOTHED))
             for other, continued, name in again
             if not job.deadline.passed(name)
         ]
@@ -174,7 +174,7 @@ class TrackedSearch:
             # Where one touch leaves size and place open, their middle is reported.
             data, sigma = as_spheres(job.data, job.scene), job.precision.normal
             middle = replace(job, first=(centred(data, job.shape, sigma),))
-            tracks = [*tracked_paths(middle, (), 1), *tracks][: len(tracks)]
+            tracks = [*smoothed_tracks(middle, (), 1), *tracks][: len(tracks)]
         return tracks
 
 
@@ -183,23 +183,24 @@ def complete(kept, job: Job) -> bool:
     return bool(kept) and kept[0].x.shape[1] == job.data.samples
 
 
-def tracked_paths(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
-    """Return the smoothed paths of the best tracks through all actions of a job.
+def smoothed_tracks(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
+    """Return the best tracks through all actions of a job, as smoothed trajectories.
 
     Their objective is the negative log evidence.  Without new samples: `kept`.
-    keep(found): is told the best path of the actions done when Ctrl-C interrupts.
+    keep(hypotheses): is called with the best of the actions done by Ctrl-C.
     """
     if complete(kept, job):
         return list(kept)
     data = as_spheres(job.data, job.scene)
     ekf = filter_of(job, kept[0].seen(data) if kept else data)
-    found = _tracked_actions(job, ekf, kept, keep, carried=False)
-    if found is None:
+    tracked_at_rest = _tracked_actions(job, ekf, kept, keep, carried=False)
+    if tracked_at_rest is None:
         log.info("the body was carried between two actions: all are tracked again")
-        past, *found = _tracked_actions(job, ekf, kept, keep, carried=True)
-        found = (replace(past, name=CARRIED_ON), *found)
-    past, tracks, records = found
-    return _paths(past, job.data.samples, tracks, records, count)
+        past, tracks, records = _tracked_actions(job, ekf, kept, keep, carried=True)
+        past = replace(past, name=CARRIED_ON)
+    else:
+        past, tracks, records = tracked_at_rest
+    return _smoothed(past, job.data.samples, tracks, records, count)
 
 
 def _tracked_actions(job, ekf, kept, keep, carried: bool):
@@ -237,7 +238,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool):
             log.info(words, i + 1, len(actions), tracks.z.shape[1], best)
     except KeyboardInterrupt:
         if keep is not None and whole[0] > done:
-            keep(_paths(past, *whole, 1))
+            keep(_smoothed(past, *whole, 1))
         raise
     return past, tracks, records
 
@@ -246,14 +247,14 @@ def proposed_tracks(job, ekf: Filter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
     fingers, sigma = ekf.data.fingers, job.precision.normal
     if not kept:
-        name, given = "track", (ekf.data, job.shape, rng)
+        name = "track"
         if job.first:
             (guess,) = job.first
             name, (z, P) = guess[0], from_guess(guess, ekf.geometry, rng)
         elif job.shape.is_box:
-            z, P = from_first_touch(*given, sigma)
+            z, P = from_first_touch(ekf.data, job.shape, rng, sigma)
         else:
-            z, P = from_surface(*given)
+            z, P = from_surface(ekf.data, job.shape, rng)
         none = np.zeros(z.shape[1], int)
         return started(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]
@@ -270,8 +271,8 @@ def proposed_tracks(job, ekf: Filter, kept, rng) -> tuple[Tracks, _Past]:
     return parts_of(ekf, tracks, rows, rng), _Past(tuple(kept), along, rows)
 
 
-def _paths(past, samples, tracks, records, count) -> list[Hypothesis]:
-    """Return smoothed paths of the best tracks, best first."""
+def _smoothed(past, samples, tracks, records, count) -> list[Hypothesis]:
+    """Return the best tracks as smoothed trajectories, best first."""
     rows = np.argsort(-tracks.evidence, kind="stable")[:count]
     states, first = smoothed(records, samples, rows)
     done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]

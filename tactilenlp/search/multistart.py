@@ -37,8 +37,8 @@ RANKED_ITERATIONS = 400  # of a level from every start; the best one is finished
 def freed_levels(levels):
     """Return levels that start a continuation from guessed poses.
 
-    What holds poses is solved for a few iterations only, so that impulses fit a path
-    that is still wrong; then once more with nothing held.
+    What holds poses is solved for a few iterations only, so that impulses fit poses
+    that are still wrong; then once more with nothing held.
     """
     first = []
     for level in levels:
@@ -74,57 +74,57 @@ def levels_of(job):
     return freed_levels(page.LEVELS) if planar else page.LEVELS
 
 
-def multistart(job, hypotheses, levels, known=(), solves=None) -> list:
+def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:
     """Return the page solved from hypotheses, the best first, each optimum once.
 
-    levels: of the page, solved in two rounds, the last one by itself; known: earlier
-    solves that the new ones compete with; solves: where results are added, those before
+    levels: of the page, solved in two rounds, the last one by itself; earlier: solves
+    that the new ones compete with; solves: where results are added, those before
     the last level as provisional ones.
     """
     solves, last = solves or Solves(), levels[-1]
     levels = [ranking(level) for level in levels]
     with interruptible():
-        _multistart(job, hypotheses, levels, known, solves)
+        _multistart(job, hypotheses, levels, earlier, solves)
         if levels[-1] is not last:
-            _finish(job, last, known, solves.found)
-    return best_first(solves.found)
+            _finish(job, last, earlier, solves.ended)
+    return best_first(solves.ended)
 
 
-def _multistart(job, hypotheses, levels, known, solves) -> None:
+def _multistart(job, hypotheses, levels, earlier, solves) -> None:
     """Add solves before the last level as provisional ones, and those after it."""
-    solved, rough = solves.found, solves.provisional().found
+    solved, rough = solves.ended, solves.provisional().ended
     built = None  # each stage ends with a level that holds no poses
     stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
     stage_ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
-        if (known or solved or rough) and job.deadline.passed("all hypotheses"):
+        if (earlier or solved or rough) and job.deadline.passed("all hypotheses"):
             break
         if built is None or job.shape.window_depends_on_start:
             built = built_page(job, in_motion_of(job, h))
         if separate:  # held or free poses do not come together before the last level
             solved.append(solved_from(job, h, built, levels))
             continue
-        found, first = _solved_stages(job, h, built, stages, stage_ends)
+        end, first = _solved_stages(job, h, built, stages, stage_ends)
         if first is None:
-            rough.append(found)
+            rough.append(end)
         elif first is min(rough, key=lambda s: s.at.rank).hypothesis:
             log.info("two starts lead to the best optimum: no others are solved")
             break
-    known_ends = [end for s in known for end in (s.at, s.rough) if end is not None]
+    earlier_ends = [end for s in earlier for end in (s.at, s.rough) if end is not None]
     for s in sorted(rough, key=lambda s: s.at.rank):
-        if (known or solved) and job.deadline.passed("all hypotheses"):
+        if (earlier or solved) and job.deadline.passed("all hypotheses"):
             break
-        if any(same(job.shape, s.at, end) for end in known_ends):
+        if any(same(job.shape, s.at, end) for end in earlier_ends):
             continue
-        good = [k.solution.objective for k in (*known, *solved) if k.solution.success]
+        good = [k.solution.objective for k in (*earlier, *solved) if k.solution.success]
         margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
         if s.solution.objective > min(good, default=np.inf) + margin:
             continue  # too far behind the best to be solved to the end
         end = solved_from(job, s.hypothesis, s.built, levels[-1:], s.solution)
         solved.append(replace(end, rough=s.at))
-        known_ends.append(s.at)
+        earlier_ends.append(s.at)
 
 
 def ranking(level):
@@ -134,9 +134,9 @@ def ranking(level):
     return level.with_ipopt(max_iter=RANKED_ITERATIONS)
 
 
-def _finish(job, level, known, solved) -> None:
+def _finish(job, level, earlier, solved) -> None:
     """Solve the best start to the end, if it is unfinished and ahead of the others."""
-    ended = [s.cost for s in (*known, *solved) if s.solution.success]
+    ended = [s.cost for s in (*earlier, *solved) if s.solution.success]
     ahead = [s for s in solved if not s.solution.success]
     ahead = [s for s in ahead if s.cost < min(ended, default=np.inf) - DECISIVE]
     if ahead and not job.deadline.passed("an unfinished solve of the page"):
@@ -153,14 +153,14 @@ def _solved_stages(job, h, built, stages, stage_ends):
     fingertips come together at the first one (18 of 18, results/EXPERIMENTS.md).
     stage_ends: of each stage, (start, Hypothesis there) of converged solves; extended.
     """
-    found = None
+    solved = None
     for levels, ends in zip(stages, stage_ends, strict=True):
-        before = None if found is None else found.solution
-        found = solved_from(job, h, built, levels, before)
-        if not found.solution.success:
+        before = None if solved is None else solved.solution
+        solved = solved_from(job, h, built, levels, before)
+        if not solved.solution.success:
             continue
         for start, end in ends:
-            if same(job.shape, found.at, end):
-                return found, start
-        ends.append((h, found.at))
-    return found, None
+            if same(job.shape, solved.at, end):
+                return solved, start
+        ends.append((h, solved.at))
+    return solved, None

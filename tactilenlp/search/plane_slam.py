@@ -143,11 +143,11 @@ def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     """Return the poses x (3, T) of one more action, those of its past held."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
-    start, known = continued_faces(window, faces, job.data.samples), len(faces.b)
-    window = of_new_action(planes_window(window, start), faces.x, known)
+    start, planes = continued_faces(window, faces, job.data.samples), len(faces.b)
+    window = of_new_action(planes_window(window, start), faces.x, planes)
     problem = replace(job, page=polytope_planes).build(window)
     plane = problem.variables["plane"]
-    held = plane.first + np.arange(plane.rows * known)
+    held = plane.first + np.arange(plane.rows * planes)
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
     s = solution_from(job, problem, window, start, levels)
     return s.values["x"][:, window.pose]
@@ -206,12 +206,11 @@ def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
         if faces is None
         else continued_faces(window, faces, samples)
     )
-    found = solved_faces(job, window, start, polytope_planes.LEVELS)
-    joined = merged_faces(window, found)
-    if joined is not found:
-        found = solved_faces(job, window, joined, polytope_planes.LEVELS[1:])
-    given = job.shape.size_prior, job.scene.ground is not None
-    return centred(window, found, *given)
+    fitted = solved_faces(job, window, start, polytope_planes.LEVELS)
+    joined = merged_faces(window, fitted)
+    if joined is not fitted:
+        fitted = solved_faces(job, window, joined, polytope_planes.LEVELS[1:])
+    return centred(window, fitted, job.shape.size_prior, job.scene.ground is not None)
 
 
 def first_faces(window, samples: int, size: float) -> Faces:

@@ -72,18 +72,18 @@ def polytope_from_planes(
         halfspaces = np.vstack([planes, unseen_halfspaces(points, fitted, ground)])
     elif (halfspaces := closing_halfspaces(planes, points, fitted, ground)) is None:
         return None
-    found = vertices_behind(halfspaces)
+    corners = vertices_behind(halfspaces)
     cuts = separating_halfspaces(window, faces, points)
     for _ in range(MAX_CUTS):
-        deep = (found @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
+        deep = (corners @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
         if not len(cuts) or deep.max() < PENETRATION:
             break
         halfspaces = np.vstack([halfspaces, cuts[[np.argmax(deep)]]])
         try:
-            found = vertices_behind(halfspaces)
+            corners = vertices_behind(halfspaces)
         except TactileError:
             break
-    return filled(thinned(hull_vertices(merged(found)), vertices), vertices)
+    return filled(thinned(hull_vertices(merged(corners)), vertices), vertices)
 
 
 def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
@@ -168,14 +168,14 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
 
 def _fitted(job, faces: Faces) -> list[Hypothesis]:
     """Return the bodies of planes, fitted if there is time; they stay at the end."""
-    samples, found = job.data.samples, bodies_from(job, faces)
+    samples, bodies = job.data.samples, bodies_from(job, faces)
     part = replace(job, data=samples_until(job.data, faces.x.shape[1]))
     if not job.deadline.passed("a fit of the first polytope"):
-        found = [polished(part, body) for body in found]
-    rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in found]
+        bodies = [polished(part, body) for body in bodies]
+    rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
-        for h, stays in zip(found, rest, strict=True)
+        for h, stays in zip(bodies, rest, strict=True)
     ]
 
 
@@ -188,13 +188,13 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
     data = samples_until(job.data, faces.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     ground = job.scene.ground is not None
-    given = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
-    found = {("planes",): polytope_from_planes(*given)}
+    arguments = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
+    hulls = {("planes",): polytope_from_planes(*arguments)}
     if ground:
-        found["planes", CLOSED] = polytope_from_planes(*given, ball=False)
+        hulls["planes", CLOSED] = polytope_from_planes(*arguments, ball=False)
     return [
         Hypothesis(V.ravel(), faces.x, faces.objective, path, faces.iterations)
-        for path, V in found.items() if V is not None
+        for path, V in hulls.items() if V is not None
     ]  # fmt: skip
 
 

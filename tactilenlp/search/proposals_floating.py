@@ -21,7 +21,7 @@ from .hypothesis import TermFunctions
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
 PLANE_TILT = 0.2  # [rad] of a body out of the plane, and of a normal with it
-FREE_WEIGHT = 0.03  # [-] of the path found, where no face determines the motion
+FREE_WEIGHT = 0.03  # [-] of the search's motion, where no face determines the motion
 VERTICAL_BIAS = 1e-3  # [-] towards the world's z where touches leave it open
 
 

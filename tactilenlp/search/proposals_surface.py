@@ -130,9 +130,9 @@ def _fitted(shape, points, radius, normal, sigma, sigma_n):
     """
     n, (mean, deviation) = shape.theta, shape.size_prior
     low, high = (np.broadcast_to(v, n) for v in shape.bounds)
-    free, found = np.full(3, np.inf), []
-    given, (gap, _, level) = upright_surface(shape)
-    each = ca.Function("surface", given, [gap, level]).map(len(radius))
+    free, fits = np.full(3, np.inf), []
+    arguments, (gap, _, level) = upright_surface(shape)
+    each = ca.Function("surface", arguments, [gap, level]).map(len(radius))
 
     def residuals(z, broad):
         states = np.repeat(z[:, None], len(radius), 1)
@@ -150,8 +150,8 @@ def _fitted(shape, points, radius, normal, sigma, sigma_n):
                 bounds=(np.r_[low, -free], np.r_[high, free]),
             )  # fmt: skip
             z = fit.x
-        found.append(fit)
-    return min(found, key=lambda one: one.cost)
+        fits.append(fit)
+    return min(fits, key=lambda one: one.cost)
 
 
 def _drawn(shape, rng, count: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
-from .multi_hypothesis import TrackedSearch, tracked_paths
+from .multi_hypothesis import TrackedSearch, smoothed_tracks
 from .solved import BuiltPage
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
@@ -112,7 +112,7 @@ def tumbled(job, kept) -> list[Tumble]:
     side = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     side &= (data.action == data.action[-1])[:, None]
     highest = data.finger_position[side][:, 2].max(initial=-np.inf)
-    for h in tracked_paths(job, kept, TRACKS):
+    for h in smoothed_tracks(job, kept, TRACKS):
         height = max(h.theta[2], highest + BELOW_TOP)  # tall enough for its sides
         h = replace(h, theta=np.r_[h.theta[:2], height])
         start, tipped = _tipped(job, h)
@@ -153,7 +153,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
     evidence: of outliers.unexplained_by_action for the best planar hypothesis. Any
     action that contradicts sliding and shows a rising normal may be the one.
     """
-    actions, found = np.unique(job.data.action), []
+    actions, motions = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
         kept = []
         if job.data.contact[job.data.action < action].any():
@@ -162,8 +162,8 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         part = replace(job, data=job.data.select(actions[actions <= action]))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))
         if tumbles:
-            found += continued(job, tumbles, width, solves, executor)
-    return distinct(job.shape, found, width, np.inf)
+            motions += continued(job, tumbles, width, solves, executor)
+    return distinct(job.shape, motions, width, np.inf)
 
 
 def continued(job, tumbles, width: int, solves: int, executor=None):
@@ -188,16 +188,16 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     joined = [motion for h, t in pairs for motion in t.joined(h)]
     costs = zip(joined, _costs(job, joined), strict=True)
     costed = (replace(h, objective=cost) for h, cost in costs)
-    found = sorted(costed, key=lambda h: h.objective)
-    return distinct(job.shape, found, width, np.inf)
+    motions = sorted(costed, key=lambda h: h.objective)
+    return distinct(job.shape, motions, width, np.inf)
 
 
 def likeliest_tumbles(job, tumbles) -> list[Tumble]:
     """Return the MAX_TUMBLES tumbles that explain best what was felt until they end."""
     if len(tumbles) <= MAX_TUMBLES:
         return tumbles
-    found = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
-    order = np.argsort(_costs(job, found), kind="stable")
+    motions = [Hypothesis(t.theta, t.x, np.inf, ()) for t in tumbles]
+    order = np.argsort(_costs(job, motions), kind="stable")
     return [tumbles[i] for i in order[:MAX_TUMBLES]]
 
 

@@ -150,15 +150,15 @@ class Solved:
     def tangent(self) -> TangentSpace:
         """The coordinates of a shape with sizes and its final pose, world frame."""
         R_wg = frame_of(self.job.scene.ground).rotation.T
-        given = self.problem, self.solution, self.window, self.job.shape
-        return tangent_space_of(*given, R_wg)
+        arguments = self.problem, self.solution, self.window, self.job.shape
+        return tangent_space_of(*arguments, R_wg)
 
     @cached_property
     def optimum(self) -> LocalOptimum:
         """Shape and final pose of a shape with sizes, covariance by the Hessian."""
         R_wg = frame_of(self.job.scene.ground).rotation.T
-        given = self.problem, self.solution, self.window, self.job.shape
-        return optimum_of(*given, R_wg)
+        arguments = self.problem, self.solution, self.window, self.job.shape
+        return optimum_of(*arguments, R_wg)
 
 
 def best_first(solved) -> list[Solved]:
@@ -173,18 +173,18 @@ class Solves:
     Each solve is added as it ends, to a collection that the caller holds.
     """
 
-    found: list[Solved] = field(default_factory=list)
+    ended: list[Solved] = field(default_factory=list)
     _parts: list[Solves] = field(default_factory=list)
     _provisional: Solves | None = None
 
     def add(self, solved: Solved) -> Solved:
         """Add a solve, and return it."""
-        self.found.append(solved)
+        self.ended.append(solved)
         return solved
 
-    def part(self, known=()) -> Solves:
+    def part(self, earlier=()) -> Solves:
         """Return a collection of its own, whose solves count as those here do."""
-        self._parts.append(Solves([*known]))
+        self._parts.append(Solves([*earlier]))
         return self._parts[-1]
 
     def provisional(self) -> Solves:
@@ -197,7 +197,7 @@ class Solves:
         return best_first(self._to_the_end() or self._rough())
 
     def _to_the_end(self) -> list[Solved]:
-        return [*self.found, *(s for p in self._parts for s in p._to_the_end())]
+        return [*self.ended, *(s for p in self._parts for s in p._to_the_end())]
 
     def _rough(self) -> list[Solved]:
         own = self._provisional.best_first() if self._provisional else []

@@ -1,6 +1,6 @@
 """Track many bodies at once through what the fingers felt: a filter with a smoother.
 
-In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evidence.
+In: starts of bodies, measurements, scene.  Out: smoothed trajectories, with evidence.
 
 - `geometry`, `mapped`: gaps and normals of fingers at many bodies, compiled
 - `pushing`, `filter_steps`: quasi-static pushing; prediction and correction, compiled
@@ -9,5 +9,5 @@ In: starts of bodies, measurements, scene.  Out: smoothed paths, with their evid
 - `tracks`: what a track is; selection by evidence, splitting
 - `tracking`: prediction and correction by an iterated extended Kalman filter; backward
   the smoother of Rauch, Tung and Striebel
-- `surface`: points of the surface, and supports by which paths are compared
+- `surface`: points of the surface, and supports by which bodies are compared
 """

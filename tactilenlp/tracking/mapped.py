@@ -30,11 +30,11 @@ class MappedFunction:
         self._made = made
         self._arrays = lru_cache(SIZES)(self._new_arrays)  # with what evaluates them
 
-    def __call__(self, *given: np.ndarray) -> list[np.ndarray]:
-        """Return the results (rows, S); given: (rows, S), or (rows,) alike for all."""
-        count = max(array.shape[1] for array in given if array.ndim == 2)
+    def __call__(self, *columns: np.ndarray) -> list[np.ndarray]:
+        """Return the results (rows, S); columns: (rows, S), or (rows,) for all."""
+        count = max(array.shape[1] for array in columns if array.ndim == 2)
         read, written, evaluate, _ = self._arrays(threading.get_ident(), padded(count))
-        for whole, array in zip(read, given, strict=True):
+        for whole, array in zip(read, columns, strict=True):
             whole[:count] = array.T
             whole[count:] = whole[count - 1]
         evaluate()
@@ -59,12 +59,12 @@ def mapped(
     states.  They are not derived where they were compiled earlier.
     """
     text = inspect.getsource(inspect.getmodule(derive)) + origin.serialize()
-    found = kept(names, text)
-    made = (lambda: found) if found else begun(derive(), text, vectors=True)
+    compiled = kept(names, text)
+    made = (lambda: compiled) if compiled else begun(derive(), text, vectors=True)
     return [MappedFunction(lambda k=k: made()[k]) for k in range(len(names))]
 
 
-def of_columns(name: str, given, found) -> ca.Function:
+def of_columns(name: str, arguments, results) -> ca.Function:
     """Return the function of expressions, of dense columns alone."""
-    found = [ca.densify(one) for one in found]
-    return ca.Function(name, [*given], found, {"cse": True})
+    results = [ca.densify(one) for one in results]
+    return ca.Function(name, [*arguments], results, {"cse": True})

@@ -115,9 +115,9 @@ def _pushed(ekf, tracks, before, t, active, noise):
     """Return tracks after a push of active fingers, slopes of motion (3, n + 3, S)."""
     p, radius = ekf.data.finger_position, ekf.data.finger_radius
     ways = np.concatenate([[*p[before, f], *p[t, f], radius[f]] for f in active])
-    given = np.vstack([*(np.full_like(noise, mu) for mu in ekf.friction), noise])
+    factors = np.vstack([*(np.full_like(noise, mu) for mu in ekf.friction), noise])
     z, P, motion, slopes = prediction(ekf.geometry.shape, len(active))(
-        tracks.z, _upper(tracks.P), tracks.motion, tracks.press[active], ways, given
+        tracks.z, _upper(tracks.P), tracks.motion, tracks.press[active], ways, factors
     )
     tracks = replace(tracks, z=z, P=_whole(P, len(z)), motion=motion)
     return tracks, slopes.reshape(len(z), 3, -1).swapaxes(0, 1)
@@ -146,12 +146,12 @@ def _corrected(ekf, tracks, t):
     z, longest = tracks.z, ekf.geometry.each(*LONGEST_UPDATE)[:, None]
     fingers = _telling(ekf, z, t)
     for _ in range(PASSES):
-        off, P, evidence, told = tracks.z - z, _upper(tracks.P), 0.0, False
+        off, P, evidence, informative = tracks.z - z, _upper(tracks.P), 0.0, False
         for felt, correct, finger in fingers:
             off, P, added, gap = correct(z, off, P, *finger)
             evidence = evidence + added[0]
-            told |= felt or (gap < 0).any()
-        if not told:
+            informative |= felt or (gap < 0).any()
+        if not informative:
             return tracks, False
         with np.errstate(invalid="ignore"):  # slopes too steep to follow
             z = np.maximum(z + np.clip(off, -longest, longest), ekf.low)
@@ -162,23 +162,23 @@ def _corrected(ekf, tracks, t):
 
 def _telling(ekf, z, t) -> list[tuple]:
     """Return of each finger that may tell something: felt, correction, arguments."""
-    data, geometry, found = ekf.data, ekf.geometry, []
+    data, geometry, telling = ekf.data, ekf.geometry, []
     touch, overlap = corrections(geometry.shape)
     sigma, reach, height = np.array(ekf.noise), geometry.reach(z), None
     for f in np.flatnonzero(data.valid[t] | ekf.hidden[t]):
         p, radius = data.finger_position[t, f], data.finger_radius[f]
-        given = p, np.array([radius])
+        sphere = p, np.array([radius])
         if ekf.felt[t, f]:
             felt = data.normal[t, f]
             across = np.linalg.svd(felt[None])[2][1:]  # two directions
-            found.append((True, touch, (*given, felt, across.ravel(), sigma)))
+            telling.append((True, touch, (*sphere, felt, across.ravel(), sigma)))
         elif ekf.hidden[t, f] or not data.contact[t, f]:
             if (np.abs(z[-3:-1] - p[:2, None]) >= reach + radius).any(axis=0).all():
                 continue
             height = geometry.height(z).max() if height is None else height
             if p[2] <= height + radius:
-                found.append((False, overlap, (*given, sigma)))
-    return found
+                telling.append((False, overlap, (*sphere, sigma)))
+    return telling
 
 
 def smoothed(records, samples: int, rows):
@@ -189,8 +189,8 @@ def smoothed(records, samples: int, rows):
     """
     last = records[-1]
     state = last.z[:, rows].T
-    path = np.empty((*state.shape, samples))
-    path[:, :, last.sample :] = state[..., None]
+    states = np.empty((*state.shape, samples))
+    states[:, :, last.sample :] = state[..., None]
     for before, after in zip(records[-2::-1], records[:0:-1], strict=True):
         rows = rows if after.parents is None else after.parents[rows]
         P = np.moveaxis(before.P[..., rows], -1, 0)
@@ -202,13 +202,13 @@ def smoothed(records, samples: int, rows):
         off = state - after.predicted[:, rows].T
         change = np.linalg.solve(predicted_P, off[..., None])
         state, end = before.z[:, rows].T + (gain @ change)[..., 0], state
-        path[:, :, before.sample : after.sample] = state[..., None]
+        states[:, :, before.sample : after.sample] = state[..., None]
         within = np.arange(after.since + 1, after.sample)  # samples that were left out
         share = (within - after.since) / (after.sample - after.since)
-        path[:, :, within] += (end - state)[..., None] * share
+        states[:, :, within] += (end - state)[..., None] * share
     first = records[0]
-    path[:, :, : first.sample] = state[..., None]
-    return path, rows if first.parents is None else first.parents[rows]
+    states[:, :, : first.sample] = state[..., None]
+    return states, rows if first.parents is None else first.parents[rows]
 
 
 def _upper(P) -> np.ndarray:

@@ -170,8 +170,8 @@ def diverse(yaw, count: int) -> np.ndarray:
     cells = np.round(yaw / YAW_CELL)
     turn = np.empty(len(yaw), int)  # of a track in its cell
     for cell in np.unique(cells):
-        mine = cells == cell
-        turn[mine] = np.arange(mine.sum())
+        members = cells == cell
+        turn[members] = np.arange(members.sum())
     turn[: count - count // 2] = -1
     return np.sort(np.argsort(turn, kind="stable")[:count])
 
