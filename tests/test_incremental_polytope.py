@@ -15,9 +15,8 @@ from tactilenlp.common.deadline import NEVER
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.refinement import incremental_polytope
-from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.hypothesis import CLOSED, Hypothesis
 from tactilenlp.search.margins import DECISIVE
-from tactilenlp.search.polytope_init import CLOSED
 from tactilenlp.search.solved import Solved, best_first
 
 OCTAHEDRON = RECORDINGS / "polytope.npz"

@@ -26,8 +26,9 @@ from tactilenlp.problem.polytope_window import (
     supporting_vertices,
 )
 from tactilenlp.search.hypothesis import Hypothesis
+from tactilenlp.search.local_solve import with_vertices_on_hull
 from tactilenlp.search.plane_slam import unseen_ball
-from tactilenlp.search.polytope_init import closing_halfspaces, with_vertices_on_hull
+from tactilenlp.search.polytope_init import closing_halfspaces
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
 CUBE = 0.02 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

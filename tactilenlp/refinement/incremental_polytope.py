@@ -28,12 +28,16 @@ from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import continued, warm_started
-from ..search.plane_slam import SEARCH_TIME, SEARCH_TOLERANCE, poses_of_new_action
-from ..search.polytope_init import ACCEPTABLE, credible_data, faces_of
-from ..search.solved import BuiltPage, Solved, best_first
-from ..solvers.options import SolverOptions
+from ..search.plane_slam import poses_of_new_action
+from ..search.polytope_init import credible_data, faces_of
+from ..search.solved import (
+    ACCEPTABLE,
+    BuiltPage,
+    Solved,
+    best_first,
+    search_settings,
+)
 from ..solvers.solution import Solution, after
-from ..solvers.solve import solve_levels
 from .incremental import (
     UPDATE_MU,
     continues,
@@ -160,10 +164,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     data = credible_data(job.data, job.precision.normal)
     lean = replace(job, data=data, reductions=Reductions())
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
-    options = SolverOptions(
-        SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ACCEPTABLE, deadline=job.deadline
-    )
-    solution = past.solution
+    settings, solution = search_settings(job, **ACCEPTABLE), past.solution
     for build, levels in (
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
@@ -181,9 +182,9 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         }  # fmt: skip
         built = BuiltPage(problem, window, h)
         start |= built.values_at(h)
-        solution = after(solution, solve_levels(problem, levels, start, options))
-        h = Solved(h, built, solution, job).at
-    return Solved(h, built, solution, job)
+        solved = built.solved(job, levels, start, h, solution, settings)
+        solution, h = solved.solution, solved.at
+    return replace(solved, hypothesis=h)
 
 
 def joint(job: Job, past: Solved, new: Solved) -> Solved:

@@ -31,6 +31,7 @@ COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 EVERY = 8  # samples of a trajectory that are compared
 # [m] far trajectories; [nats] their bonus; too far behind:
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
+CLOSED = "closed"  # in the path of a body whose every face was touched
 
 
 @printed

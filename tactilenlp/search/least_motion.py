@@ -17,11 +17,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from formulations import quasi_static
-from formulations.finger_offset import NAME as OFFSET
 
 from ..common.threads import on_one_thread
 from ..solvers.options import SolverOptions
-from ..solvers.solve import solve_levels
 from ..tracking.geometry import geometry_of
 from .hypothesis import Hypothesis, Job, same
 from .local_solve import built_page
@@ -121,10 +119,8 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
         left = min(LEVEL_TIME, max(0.05, job.deadline.left))
         options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
         start = built.values_at(h)
-        s = solve_levels(built.problem, (level,), start, options, built.solvers)
-        theta, x = s.values["theta"][:, 0], s.values["x"][:, built.window.pose]
-        offset = s.values.get(OFFSET)
-        yield Hypothesis(theta, x, s.objective, h.path, s.iterations, offset)
+        solved = built.solved(job, (level,), start, h, settings=options)
+        yield replace(solved.at, iterations=solved.solution.iterations)
 
 
 def from_posterior(job: Job, kept) -> list[tuple[np.ndarray, np.ndarray]]:

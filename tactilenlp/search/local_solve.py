@@ -11,13 +11,13 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
+from ..geometry.convex_hull import filled, hull_vertices
 from ..geometry.tipping import planar_to_free
 from ..problem.polytope_window import window_of
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
 from ..solvers.solution import Solution, after, unfinished
 from .hypothesis import Hypothesis, Job
-from .polytope_init import with_vertices_on_hull
 from .solved import BuiltPage, Solved
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
@@ -147,6 +147,18 @@ def _rebuilt_for(job, solved, groups) -> Solved:
         else:
             return solved
     return replace(solved, solution=unfinished(solved.solution))
+
+
+def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis whose vertices inside the hull are moved onto its surface.
+
+    No contact sees a vertex inside.  A shape with other parameters has none.
+    """
+    if shape.parameters != "vertices":
+        return h
+    vertices = h.theta.reshape(-1, 3)
+    onto = filled(hull_vertices(vertices), len(vertices))
+    return replace(h, theta=onto.ravel())
 
 
 def _rebuilt(job, solved, levels) -> Solved:

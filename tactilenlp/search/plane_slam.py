@@ -27,14 +27,12 @@ from ..geometry.convex_hull import (
 from ..geometry.transforms import directions_in_body, rotate_planar
 from ..problem.reductions import reduce
 from ..problem.window import Rows, Window
-from ..solvers.options import SolverOptions
 from ..solvers.solve import solve_levels
+from .solved import search_settings
 
 FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
-SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
-SEARCH_TIME = 20.0  # [s] at most, of one such solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +154,7 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
 def solution_from(job, problem, window, faces: Faces, levels):
     """Return what the levels of the page find from `faces`."""
     start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
-    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, deadline=job.deadline)
-    return solve_levels(problem, levels, start, options)
+    return solve_levels(problem, levels, start, search_settings(job))
 
 
 def solved_faces(job, window, faces: Faces, levels) -> Faces:

@@ -28,14 +28,10 @@ from ..geometry.convex_hull import (
     thinned,
     vertices_behind,
 )
-from ..problem.polytope_window import window_of
 from ..problem.reductions import reduce
-from ..solvers.options import SolverOptions
-from ..solvers.solve import solve_levels
-from .hypothesis import Hypothesis
+from .hypothesis import CLOSED, Hypothesis
+from .local_solve import built_page
 from .plane_slam import (
-    SEARCH_TIME,
-    SEARCH_TOLERANCE,
     Faces,
     extended_faces,
     merged_faces,
@@ -43,19 +39,11 @@ from .plane_slam import (
     unseen_ball,
     unseen_halfspaces,
 )
+from .solved import search_settings
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
-ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
-    "acceptable_tol": 0.5,  # [nats / mm]
-    "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
-    "acceptable_iter": 5,
-    "acceptable_compl_inf_tol": 1e-2,
-    "acceptable_constr_viol_tol": 1e-4,
-}
-IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
-CLOSED = "closed"  # in the path of a body whose every face was touched
 
 
 def polytope_from_planes(
@@ -127,18 +115,6 @@ def check_round_fingertips(scene) -> None:
         )  # fmt: skip
 
 
-def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
-    """Return a hypothesis whose vertices inside the hull are moved onto its surface.
-
-    No contact sees a vertex inside.  A shape with other parameters has none.
-    """
-    if shape.parameters != "vertices":
-        return h
-    vertices = h.theta.reshape(-1, 3)
-    onto = filled(hull_vertices(vertices), len(vertices))
-    return replace(h, theta=onto.ravel())
-
-
 def search_polytope(job, kept: list) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
@@ -200,14 +176,12 @@ def bodies_from(job, faces: Faces) -> list[Hypothesis]:
 
 def polished(job, body: Hypothesis) -> Hypothesis:
     """Return the body with vertices and poses fitted to the measurements."""
-    window, shape = window_of(job, (body.theta, body.x))
-    problem = replace(job, page=polytope_quasi_static, shape=shape).build(window)
-    options = SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, deadline=job.deadline)
-    start = {"theta": body.theta.reshape(-1, 3).T, "x": body.x[:, window.last]}
-    s = solve_levels(problem, polytope_quasi_static.STARTING, start, options)
-    theta, x = s.values["theta"].T.ravel(), s.values["x"][:, window.pose]
-    iterations = body.iterations + s.iterations
-    return Hypothesis(theta, x, s.objective, body.path, iterations)
+    job = replace(job, page=polytope_quasi_static)
+    built, levels = built_page(job, body), polytope_quasi_static.STARTING
+    start, settings = built.values_at(body), search_settings(job)
+    solved = built.solved(job, levels, start, settings=settings)
+    iterations = body.iterations + solved.solution.iterations
+    return replace(solved.at, iterations=iterations)
 
 
 def credible_data(data, sigma: float):

@@ -22,11 +22,20 @@ from ..problem.poses import poses
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
-from .hypothesis import Hypothesis, Job
+from .hypothesis import CLOSED, Hypothesis, Job
 from .margins import DECISIVE, NEGLIGIBLE
-from .polytope_init import CLOSED, IPOPT_OPTIONS
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
+SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
+SEARCH_TIME = 20.0  # [s] at most, of one such solve
+ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
+    "acceptable_tol": 0.5,  # [nats / mm]
+    "acceptable_obj_change_tol": 1e-4,  # [relative] over as many iterations
+    "acceptable_iter": 5,
+    "acceptable_compl_inf_tol": 1e-2,
+    "acceptable_constr_viol_tol": 1e-4,
+}
+IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
 
 
 @dataclass(eq=False)
@@ -57,13 +66,16 @@ class BuiltPage:
             values[OFFSET] = h.offset
         return values
 
-    def solved(self, job, levels, start, hypothesis=None, before=None) -> Solved:
+    def solved(
+        self, job, levels, start, hypothesis=None, before=None, settings=None
+    ) -> Solved:
         """Return the page solved along some levels, from values or from a Solution.
 
         hypothesis: from which, by default the origin; before: the solution of earlier
-        levels, whose iterations and seconds are added.
+        levels, whose iterations and seconds are added; settings: SolverOptions, by
+        default those of a solve to the end.
         """
-        settings = settings_of(job)
+        settings = settings or settings_of(job)
         solution = solve_levels(self.problem, levels, start, settings, self.solvers)
         solution = solution if before is None else after(before, solution)
         solution.seconds["build"] += self.seconds
@@ -220,3 +232,10 @@ def settings_of(job) -> SolverOptions:
     ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **job.options.ipopt}
     tolerance = job.options.tolerance
     return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)
+
+
+def search_settings(job, **ipopt) -> SolverOptions:
+    """Return the solver's settings of a solve that only starts another page."""
+    return SolverOptions(
+        SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ipopt, deadline=job.deadline
+    )
