@@ -130,7 +130,7 @@ def considered(at) -> dict[str, Doubt]:
     if TOUCH_TERM not in at.kkt.problem.costs:
         return {}
     found = {LATE_NORMALS: late_normals(at), LATE_TOUCHES: late_touches(at)}
-    if at.shape.rounded is not None:
+    if at.job.shape.rounded is not None:
         found[ROUNDED_EDGES] = rounded_edges(at)
     fingers = np.unique(at.window.touch.finger)
     return found | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
@@ -138,7 +138,7 @@ def considered(at) -> dict[str, Doubt]:
 
 def rounded_edges(at) -> Doubt:
     """Return the doubt about sharp edges; at: as above."""
-    kkt, window, shape = at.kkt, at.window, at.shape
+    kkt, window, shape = at.kkt, at.window, at.job.shape
     problem, touch = kkt.problem, window.touch
     values = problem.unpack(kkt.x)
     less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}

@@ -106,11 +106,6 @@ class Linearisation:
     job: object
     window: object
 
-    @property
-    def shape(self):
-        """The class of the body."""
-        return self.job.shape
-
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:
         """The mixed derivatives of every term that reads measurements."""
@@ -146,9 +141,8 @@ class Linearisation:
         None where it is known, or there is none.
         """
         job, scene = self.job, self.job.scene
-        if scene.ground is None or scene.sigma_tilt == 0:
-            return None
-        if TOUCH_TERM not in self.kkt.problem.costs:
+        known = scene.ground is None or scene.sigma_tilt == 0
+        if known or TOUCH_TERM not in self.kkt.problem.costs:
             return None
         given = self.kkt, job.build, self.window, job.data, scene
         return ground_tilt(*given, self.end * (1, 1, 0))
@@ -167,9 +161,9 @@ class Linearisation:
     def end(self) -> np.ndarray:
         """The body's middle (3,) [m] at the last sample, ground frame."""
         theta, x = self.values["theta"], self.values["x"][:, -1:]
-        if self.shape.parameters == "vertices":
+        if self.job.shape.parameters == "vertices":
             return theta.mean(axis=1)
-        return pose_jacobians(self.shape, self.window.motion, theta[:, 0], x)[0][0]
+        return pose_jacobians(self.job.shape, self.window.motion, theta[:, 0], x)[0][0]
 
     def response(self, chosen, jacobian, turned=0.0) -> Response:
         """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.

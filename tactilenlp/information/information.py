@@ -229,7 +229,7 @@ def information_of(
     faces: (axes, 2) number of samples that touched each face; others: LocalOptima of
     the same data; profile (k, k), of the unknowns: see profile_likelihood.py.
     """
-    window, shape = at.window, at.shape
+    window, shape = at.window, at.job.shape
     tangent = tangent_space_of(at.kkt.problem, solution, window, shape, at.R_wg)
     turned, ground = turned_with_ground(at, tangent)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
