@@ -32,7 +32,7 @@ from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
 from ..search.hypothesis import Hypothesis
 from ..search.local_solve import freed_to_tilt, solved_from
-from ..search.multistart import HELD_ITERATIONS
+from ..search.multistart import held_briefly
 from ..search.solved import Solved, best_first
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
@@ -54,9 +54,7 @@ def with_tilt(best: Solved) -> Solved:
     tilted = freed_to_tilt(free, best)
     rough = job.contract.rough
     if rough and not explained(tilted):
-        # Poses are held at a tilt that is still wrong.
-        held = rough[0].with_ipopt(max_iter=HELD_ITERATIONS)
-        levels = [held, *rough[1:]]
+        levels = [held_briefly(rough[0]), *rough[1:]]
         again = solved_from(free, tilted_by_normals(best), levels=levels)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)

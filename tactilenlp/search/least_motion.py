@@ -105,10 +105,12 @@ def _spread(job: Job, tracks, executor) -> Iterator[Hypothesis]:
 
 @on_one_thread
 def _solved(job: Job, tracks) -> list[Hypothesis]:
+    """Return the optima of least motion from tracks, in a process of its own."""
     return list(_solves(job, tracks))
 
 
 def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
+    """Yield the optimum of the quasi-static page from each track; late ones as is."""
     built = built_page(replace(job, page=quasi_static))
     level = quasi_static.LEVELS[-1]
     level = replace(level, parameters=level.parameters | WEAK_MOTION)

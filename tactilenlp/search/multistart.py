@@ -34,18 +34,22 @@ FREED_MU = 0.01  # IPOPT's mu_init of that level
 RANKED_ITERATIONS = 400  # of a level from every start; the best one is finished
 
 
+def held_briefly(level):
+    """Return a level that holds poses, for few iterations: they are still wrong."""
+    return level.with_ipopt(max_iter=HELD_ITERATIONS)
+
+
 def freed_levels(levels):
     """Return levels that start a continuation from guessed poses.
 
-    What holds poses is solved for a few iterations only, so that impulses fit poses
-    that are still wrong; then once more with nothing held.
+    What holds poses is solved briefly, then once more with nothing held.
     """
     first = []
     for level in levels:
         if level.fixed:
-            first.append(level.with_ipopt(max_iter=HELD_ITERATIONS))
             free = replace(level, fixed=())
-            first.append(free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS))
+            free = free.with_ipopt(mu_init=FREED_MU, max_iter=FREED_ITERATIONS)
+            first += [held_briefly(level), free]
     return [*first, *(level for level in levels if not level.fixed)]
 
 
