@@ -65,11 +65,10 @@ def solve_estimate(
     is what throw=False returns, also where the time limit ended the solve.  Ctrl-C
     raises Interrupted, whose `estimate` of the actions done by then can be a start.
     """
-    arguments = {
-        "formulation": formulation, "executor": executor, "throw": throw,
-        "session": PROCESS if session is None else session,
-    }  # fmt: skip
-    one = partial(estimate_of_class, data, scene, **arguments)
+    one = partial(
+        estimate_of_class, data, scene, formulation=formulation, executor=executor,
+        throw=throw, session=PROCESS if session is None else session,
+    )  # fmt: skip
     if classes := classes_of(shape):
         check_types(options=(options, (Options, type(None))))
         return likeliest_class(classes, one, start, options or Options())

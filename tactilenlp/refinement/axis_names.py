@@ -78,8 +78,7 @@ def with_named_axes(solved, like) -> Solved:
         return solved
     if job.deadline.passed("the order of a box's axes"):
         return solved
-    known = _renamed(job.shape, solved, order, S)
-    again = warm_started(job, known)
+    again = warm_started(job, _renamed(job.shape, solved, order, S))
     return again if again.rank <= solved.rank else solved
 
 

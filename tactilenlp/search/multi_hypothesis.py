@@ -193,14 +193,13 @@ def smoothed_tracks(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
         return list(kept)
     data = as_spheres(job.data, job.scene)
     ekf = filter_of(job, kept[0].seen(data) if kept else data)
-    tracked_at_rest = _tracked_actions(job, ekf, kept, keep, carried=False)
-    if tracked_at_rest is None:
+    results = _tracked_actions(job, ekf, kept, keep, carried=False)
+    if results is None:
         log.info("the body was carried between two actions: all are tracked again")
-        past, tracks, records = _tracked_actions(job, ekf, kept, keep, carried=True)
-        past = replace(past, name=CARRIED_ON)
-    else:
-        past, tracks, records = tracked_at_rest
-    return _smoothed(past, job.data.samples, tracks, records, count)
+        past, *results = _tracked_actions(job, ekf, kept, keep, carried=True)
+        results = (replace(past, name=CARRIED_ON), *results)
+    past, *results = results
+    return _smoothed(past, job.data.samples, *results, count)
 
 
 def _tracked_actions(job, ekf, kept, keep, carried: bool):

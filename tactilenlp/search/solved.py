@@ -236,6 +236,5 @@ def settings_of(job) -> SolverOptions:
 
 def search_settings(job, **ipopt) -> SolverOptions:
     """Return the solver's settings of a solve that only starts another page."""
-    return SolverOptions(
-        SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ipopt, deadline=job.deadline
-    )
+    deadline = job.deadline
+    return SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ipopt, deadline=deadline)
