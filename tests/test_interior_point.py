@@ -191,7 +191,10 @@ def test_an_option_of_zero_switches_the_early_end_off():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"tol": "tight"}, {"max_iter": "9"}, {"mu_init": -1.0}, {"acceptable_iter": 1.5}],
+    [
+        *({"tol": "tight"}, {"max_iter": "9"}, {"mu_init": -1.0}),
+        *({"acceptable_iter": 1.5}, {"tol": [1e-6]}, {"max_iter": {}}),
+    ],
 )
 def test_options_that_make_no_sense_are_refused(wrong):
     with pytest.raises(OptionError, match=next(iter(wrong))):

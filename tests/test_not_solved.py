@@ -72,13 +72,23 @@ def test_a_time_limit_ends_with_the_iterate_reached_and_says_so():
     assert caught.value.solution.violations.keys() == problem.constraints.keys()
 
 
-def test_a_linear_solver_that_is_not_there_does_not_pass_silently():
+@pytest.mark.parametrize("missing", ["mumsp", "ma27", "ma97", 3])
+def test_a_linear_solver_that_is_not_there_is_refused_before_a_solve(missing):
+    """Some builds of IPOPT would end the process, others name none of those here."""
+    with pytest.raises(OptionError, match="'mumps', 'spral'"):
+        SolverOptions(ipopt={"linear_solver": missing})
+    with pytest.raises(OptionError, match="did you mean 'mumps'"):
+        SolverOptions(ipopt={"linear_solver": "mumsp"})
+
+
+def test_an_option_that_ipopt_refuses_does_not_pass_silently():
     problem, _, _ = decay()
-    missing = SolverOptions(ipopt={"linear_solver": "ma27"})
-    with pytest.raises(NotConverged, match="Invalid_Option"):
+    missing = SolverOptions(ipopt={"nlp_scaling_method": "equilibration-based"})
+    with pytest.raises(NotConverged, match="Invalid_Option after 0 iterations"):
         solve(problem, missing)
     solution = solve(problem, missing, throw=False)
     assert not solution.success
+    assert solution.iterations == 0
     np.testing.assert_array_equal(solution.values["c"][:, 0], [1, 1, 0])
 
 

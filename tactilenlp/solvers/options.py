@@ -3,19 +3,61 @@
 from __future__ import annotations
 
 import math
+import sys
+from contextlib import suppress
+from ctypes import CDLL
 from dataclasses import dataclass, field, fields
+from functools import cache
+from pathlib import Path
 
+import casadi as ca
 import numpy as np
 
 from ..common.deadline import NEVER, Deadline
 from ..common.validation import check_numbers, check_types
-from ..errors import typed_call
+from ..errors import OptionError, did_you_mean, typed_call
 
 MIN_SOLVE_TIME = 0.02  # [s] of a solve beyond a limit: about one iteration
 DEFAULTS = {"max_iter": 300, "mu_init": 1e-2}  # of a solve without levels
+LINEAR_SOLVERS = {  # of IPOPT, and the library that it loads, None: its own
+    "mumps": None, "spral": None, "pardiso": "pardiso",
+    **dict.fromkeys(("ma27", "ma57", "ma77", "ma86", "ma97"), "hsl"),
+}  # fmt: skip
+SHARED = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 WARM_PUSH = 1e-6  # [-] by which a warm start and its multipliers are pushed inside
 PUSH_OPTIONS = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
 WARM_OPTIONS = [f"warm_start_{name}" for name in (*PUSH_OPTIONS, "mult_bound_push")]
+
+
+def check_ipopt(ipopt) -> None:
+    """Raise OptionError unless these can be options of IPOPT, by name.
+
+    A linear solver whose library is missing ends the process in some builds of IPOPT.
+    """
+    check_types(ipopt=(ipopt, dict))
+    kinds = bool, int, float, str, np.integer, np.floating
+    check_types(**{f"ipopt {name}": (value, kinds) for name, value in ipopt.items()})
+    solver = str(ipopt.get("linear_solver", "mumps")).lower()
+    library = LINEAR_SOLVERS.get(solver, "")
+    if library is None:
+        return
+    if library and has_library(str(ipopt.get(f"{library}lib", f"lib{library}"))):
+        return
+    here = [k for k, v in LINEAR_SOLVERS.items() if v is None or has_library(f"lib{v}")]
+    raise OptionError(
+        "no such linear solver of IPOPT here", where="ipopt linear_solver", got=solver,
+        expected=f"one of {here}", next=did_you_mean(solver, here),
+    )  # fmt: skip
+
+
+@cache
+def has_library(name: str) -> bool:
+    """Tell whether a shared library can be loaded, from CasADi's folder too."""
+    name = name if "." in name else f"{name}{SHARED}"
+    for place in ("", Path(ca.__file__).parent):
+        with suppress(OSError):
+            return bool(CDLL(str(Path(place, name))))
+    return False
 
 
 def check_positive(options, *names: str) -> None:
@@ -44,7 +86,8 @@ class SolverOptions:
     deadline: Deadline = NEVER
 
     def __post_init__(self):
-        check_types(ipopt=(self.ipopt, dict), deadline=(self.deadline, Deadline))
+        check_ipopt(self.ipopt)
+        check_types(deadline=(self.deadline, Deadline))
         check_types(iterations=(self.iterations, (int, np.integer, type(None))))
         given = [n for n in ("iterations", "barrier") if getattr(self, n) is not None]
         check_positive(self, "tolerance", "time_limit", "push", *given)
