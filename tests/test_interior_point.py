@@ -15,7 +15,7 @@ from tactilenlp.solvers.condensed_kkt import CondensedKkt
 from tactilenlp.solvers.interior_point import InteriorPoint
 from tactilenlp.solvers.line_search import Filter, Stuck
 from tactilenlp.solvers.options import NAMES, Settings, SolverOptions
-from tactilenlp.solvers.solve import make_ipopt, make_solver, solve
+from tactilenlp.solvers.solve import Solvers, make_ipopt, solve
 from tactilenlp.solvers.sparse_ldl import SparseLdl
 
 
@@ -144,11 +144,12 @@ TARGETS = [2.0, 0.3, 0.4], [1.0, 3.0, 4.0], [-4.0, 0.6, 0.8]
 
 @pytest.mark.parametrize("problem", [*map(cone, TARGETS), ring()], ids=[*"abc", "ring"])
 def test_an_optimum_and_its_multipliers_are_those_of_ipopt(problem):
-    assert isinstance(make_solver(problem, TIGHT), InteriorPoint)
-    ours, other = (
-        solve(problem, TIGHT, solver=make(problem, TIGHT))
-        for make in (make_solver, make_ipopt)
-    )
+    assert isinstance(Solvers(problem).kept(TIGHT), InteriorPoint)
+    ours = solve(problem, TIGHT)
+    other = solve(problem, solver=make_ipopt(problem.assembly, TIGHT))
+    assert (ours.solver, other.solver) == ("interior_point", "ipopt")
+    assert max(ours.stationarity, other.stationarity) < 1e-7
+    assert max(ours.complementarity, other.complementarity) < 1e-7
     assert ours.status == other.status == "Solve_Succeeded"
     assert ours.objective == pytest.approx(other.objective, rel=1e-9, abs=1e-12)
     for name, value in other.values.items():
@@ -167,9 +168,9 @@ def test_a_page_ends_where_ipopt_ends(recorded, estimate):
     options = SolverOptions(ipopt={"mu_init": 1e-3})
     start = dict(estimate.unknowns)
     start["x"] = start["x"] + np.array([[0.5e-3], [0.0], [0.0]])
+    ipopt = make_ipopt(problem.assembly, options)
     ours, other = (
-        solve(problem, options, start=start, solver=make(problem, options))
-        for make in (make_solver, make_ipopt)
+        solve(problem, options, start=start, solver=solver) for solver in (None, ipopt)
     )
     # Either may end in one of two optima of the shipped recording, 0.1 nats apart.
     assert ours.objective == pytest.approx(other.objective, abs=0.2)
@@ -178,9 +179,9 @@ def test_a_page_ends_where_ipopt_ends(recorded, estimate):
 
 
 def test_many_equations_and_options_of_ipopt_alone_are_left_to_ipopt():
-    assert not isinstance(make_solver(pendulum(), SolverOptions()), InteriorPoint)
+    assert not isinstance(Solvers(pendulum()).kept(SolverOptions()), InteriorPoint)
     watched = SolverOptions(ipopt={"watchdog_trial_iter_max": 3})
-    assert not isinstance(make_solver(decay()[0], watched), InteriorPoint)
+    assert not isinstance(Solvers(decay()[0]).kept(watched), InteriorPoint)
 
 
 def test_an_option_of_zero_switches_the_early_end_off():
@@ -235,6 +236,7 @@ def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch)
     monkeypatch.setattr(Filter, "first_accepted", refuse)
     other = solve(problem, TIGHT)
     assert other.success
+    assert (whole.solver, other.solver) == ("interior_point", "ipopt")
     assert other.objective == pytest.approx(whole.objective, rel=1e-9)
 
 
@@ -266,7 +268,8 @@ def test_the_names_of_options_are_those_of_ipopt():
     assert settings.tol == SolverOptions().tolerance
     every = {name: getattr(settings, name) for name in NAMES}
     every["max_wall_time"] = 10.0
-    solution = solve(problem, solver=make_ipopt(problem, SolverOptions(ipopt=every)))
+    ipopt = make_ipopt(problem.assembly, SolverOptions(ipopt=every))
+    solution = solve(problem, solver=ipopt)
     assert solution.success
 
 

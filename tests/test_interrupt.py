@@ -10,7 +10,7 @@ import pytest
 from tactilenlp.common.interrupt import interruptible
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.solvers.options import SolverOptions
-from tactilenlp.solvers.solve import make_solver, solve
+from tactilenlp.solvers.solve import Solvers, solve
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +41,7 @@ def bowl():
 
 def test_a_solve_that_was_interrupted_does_not_come_back_with_a_status():
     problem = bowl()
-    inner = make_solver(problem, SolverOptions())
+    inner = Solvers(problem).kept(SolverOptions())
 
     class Deaf:
         """A solver in which somebody presses Ctrl-C."""

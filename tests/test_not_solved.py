@@ -10,6 +10,7 @@ from swing_up import (
     STEPS,
     decay,
     pendulum,
+    stationarity,
 )
 
 from tactilenlp.errors import NotConverged, OptionError, PageError
@@ -127,3 +128,22 @@ def test_a_success_that_violates_constraints_is_none():
     assert solution.violations["dynamics"] > 1e-4
     assert not solution.success
     assert solution.status == "Constraints_Violated"
+
+
+def test_a_success_that_is_no_optimum_is_none():
+    """What a solver says of its own convergence is compared with the programme."""
+    problem, _, _ = decay()
+
+    class Hasty:
+        def __call__(self, x0, **_):
+            return {"x": x0, "lam_x": 0 * x0, "lam_g": np.zeros(0)}
+
+        def stats(self):
+            return {"success": True, "return_status": "Solved", "iter_count": 0}
+
+    solution = solve(problem, solver=Hasty(), throw=False)
+    slope = np.abs(stationarity(problem, solution)).max()
+    assert solution.stationarity == pytest.approx(slope)
+    assert slope > 1
+    assert not solution.success
+    assert solution.status == "Optimality_Conditions_Violated"

@@ -27,7 +27,7 @@ from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.options import SolverOptions
-from tactilenlp.solvers.solve import make_solver, solve, solve_levels
+from tactilenlp.solvers.solve import Solvers, solve, solve_levels
 
 STEPS, DT = 20, 0.05
 
@@ -68,6 +68,10 @@ def test_elimination_ends_where_the_whole_programme_does():
     for name, value in whole.multipliers.items():
         np.testing.assert_allclose(reduced.multipliers[name], value, atol=1e-4)
     assert max(reduced.violations.values()) < 1e-12
+    assert reduced.solver == whole.solver == "ipopt"
+    for solution in (whole, reduced):  # of the whole programme, also where it follows
+        assert solution.stationarity < 1e-6
+        assert solution.complementarity < 1e-8
 
 
 def test_the_eliminated_gradient_and_hessian_are_exact():
@@ -258,7 +262,7 @@ def test_the_envelope_gradient_is_that_of_the_inner_minimum(begun):
     start = {n: found.solution.values[n] for n in ("theta", "x", "finger", "ground")}
     # Off the optimum, where gaps are zero and min(0, phi)^2 bends.
     start["theta"] = start["theta"] + 1e-3
-    solver = make_solver(problem, options)
+    solver = Solvers(problem).kept(options)
 
     def inner(start):
         return solve(

@@ -20,7 +20,7 @@ from swing_up import (
 
 from tactilenlp.errors import OptionError
 from tactilenlp.solvers.options import SolverOptions
-from tactilenlp.solvers.solve import Solvers, make_solver, solve, solve_levels
+from tactilenlp.solvers.solve import Solvers, solve, solve_levels
 
 
 def test_a_pendulum_swings_up_as_its_differential_equation_says():
@@ -75,7 +75,10 @@ def test_the_nearest_force_of_a_cone_is_its_projection(target, nearest):
 )
 def test_the_named_multipliers_balance_the_slopes(problem):
     solution = solve(problem, TIGHT)
-    assert np.abs(stationarity(problem, solution)).max() < 1e-7
+    slope = np.abs(stationarity(problem, solution)).max()
+    assert slope < 1e-7
+    assert solution.stationarity == pytest.approx(slope, abs=1e-12)
+    assert solution.complementarity < 1e-6
     x, data = problem.pack(solution.values), problem.data()
     for name, term in problem.constraints.items():
         value, force = problem.value(name, x, data), solution.multipliers[name]
@@ -125,7 +128,7 @@ def test_the_same_problem_gives_the_same_solution_to_the_last_digit():
 
 def test_one_solver_serves_every_value_of_a_parameter():
     problem = cone([2.0, 0.1, 0.0])
-    solver = make_solver(problem, TIGHT)
+    solver = Solvers(problem).kept(TIGHT)
     for height in (2.0, 3.0):
         goal = [height, 0.1, 0.0]  # off the axis, where IPOPT creeps along the cone
         solution = solve(problem, TIGHT, parameters={"target": goal}, solver=solver)

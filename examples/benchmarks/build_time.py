@@ -25,7 +25,7 @@ from study import executor_of, mapped, study_parser, write_csv
 
 from tactilenlp import Measurements, Problem, SolverOptions
 from tactilenlp.problem.polytope_window import window_of
-from tactilenlp.solvers.solve import make_solver
+from tactilenlp.solvers.solve import Solvers
 
 PARTS = ("window", "page", "derivatives", "solver")
 
@@ -74,7 +74,7 @@ def built(way, h) -> tuple[Problem, list[float]]:
     times.append(process_time())
     _ = problem.functions
     times.append(process_time())
-    make_solver(problem, SolverOptions())
+    Solvers(problem).kept(SolverOptions())
     return problem, np.diff([*times, process_time()]).tolist()
 
 

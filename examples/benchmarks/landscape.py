@@ -38,7 +38,7 @@ from tactilenlp.geometry.transforms import planar_matrix
 from tactilenlp.nlp.codegen import compiled
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.options import SolverOptions
-from tactilenlp.solvers.solve import make_solver, solve
+from tactilenlp.solvers.solve import Solvers, solve
 
 SHOOTING = {  # name: times 30 Hz, still [m/s]
     "shooting 30 Hz, s = 100 mm/s": (1, 100e-3),
@@ -67,7 +67,7 @@ class Recording:
         self.paths, self.lam = {}, {}
         self.rolled, _ = self.problem(multiple_shooting)
         self.vimp, self.window = self.problem(violation_implicit)
-        self.solver = make_solver(self.vimp, SolverOptions(tolerance=1e-5))
+        self.solver = Solvers(self.vimp).kept(SolverOptions(tolerance=1e-5))
 
     def problem(self, page):
         made = required_reductions(page, Reductions(still=False, far=False))

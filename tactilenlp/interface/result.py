@@ -60,11 +60,13 @@ class Estimate:
     seconds of CPU time by step; "compilation": of waiting for compilers.
     hypotheses, best first, for the next action; information about shape and final pose.
     origin: the hypothesis it was solved from; reductions and cuts in use: with them the
-    programme can be built again.  progress: of the last solve by iteration, as in
-    Solution.  finger_offset (F, 3) [m]: true less measured finger positions, world
-    frame; None where the scene takes them as exact (Scene.sigma_offset).  fit: how well
-    the model explains the measurements; None for a page that states no touch
-    likelihood; classes: the odds of those that were compared, best first.
+    programme can be built again.  progress: of the last solve by iteration; solver:
+    that ended it; stationarity, complementarity: how far its optimality conditions are
+    off, recomputed; all as in Solution.  finger_offset (F, 3) [m]: true less measured
+    finger positions, world frame; None where the scene takes them as exact
+    (Scene.sigma_offset).  fit: how well the model explains the measurements; None for a
+    page that states no touch likelihood; classes: the odds of those that were compared,
+    best first.
     """
 
     measurements: Measurements
@@ -102,6 +104,9 @@ class Estimate:
     finger_offset: np.ndarray | None = None
     fit: Fit | None = None
     classes: tuple[ClassOdds, ...] = ()
+    solver: str = ""
+    stationarity: float = np.nan
+    complementarity: float = np.nan
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "measurements/time": ("T",), "measurements/finger_radius": ("F",),

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from .nlpsol import nlpsol_functions
 from .term_functions import between_slices, padded
 
 
@@ -23,7 +24,10 @@ class Assembly:
     jacobian (rows, n), hessian (n, n), upper triangle: patterns, whose nonzeros are
     what is returned.  The problem's strict deadline ends the making between two terms:
     large problems take seconds.  Its arrays are its own: one thread at a time.
+    free, kept: which unknowns and rows a solver is given, of this programme all.
     """
+
+    free = kept = slice(None)
 
     def __init__(self, problem):
         self.terms = terms = [*problem.terms.values()]
@@ -104,6 +108,19 @@ class Assembly:
         data.gather(p)
         for evaluate, _ in self._solve:
             evaluate()
+
+    @cached_property
+    def functions(self) -> dict:
+        """What `nlpsol` takes, with exact derivatives."""
+        return nlpsol_functions(self, len(self._at[1]))
+
+    def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+        """Return all unknowns, SI: none follows from the others."""
+        return x
+
+    def multipliers(self, x, data, lam_g: np.ndarray) -> np.ndarray:
+        """Return the multipliers of all constraints, given those that are kept."""
+        return lam_g
 
     # -- functions on all instances ---------------------------------------------------
     @cached_property

@@ -28,7 +28,7 @@ class Eliminated:
     """A problem in its free unknowns u, scaled; to be evaluated as an Assembly is.
 
     free, given: indices into the vector of all unknowns; kept: rows of the constraints
-    that remain; jacobian, hessian: patterns; functions: as Problem.functions.
+    that remain; jacobian, hessian: patterns; functions: what `nlpsol` takes.
     """
 
     def __init__(self, problem):

@@ -26,7 +26,7 @@ from ..common.validation import numbers_of
 from ..errors import PageError, did_you_mean
 from .assembly import Assembly
 from .diagnostics import Report, check, describe
-from .nlpsol import Eliminated, nlpsol_functions
+from .nlpsol import Eliminated
 from .term_functions import (
     TermFunctionCache,
     default_cache,
@@ -223,19 +223,23 @@ class Problem:
         """The programme in scaled unknowns: values and derivatives as arrays."""
         return Assembly(self)
 
-    @cached_property
+    @property
     def functions(self) -> dict:
         """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return nlpsol_functions(self.assembly, self.data().size)
+        return self.assembly.functions
 
     @cached_property
     def eliminated(self) -> Eliminated:
         """The programme in the unknowns that no other ones give."""
         return Eliminated(self)
 
+    def programme(self, eliminate: bool) -> Assembly | Eliminated:
+        """Return the programme in all unknowns, or in those that no other ones give."""
+        return self.eliminated if eliminate else self.assembly
+
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
-        for made in ("assembly", "functions", "scale", "eliminated"):
+        for made in ("assembly", "scale", "eliminated"):
             self.__dict__.pop(made, None)
         if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")

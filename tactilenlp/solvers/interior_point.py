@@ -42,6 +42,7 @@ class InteriorPoint:
             return out
         columns = zip(*run.history, strict=True)
         self._stats = {
+            "solver": "interior_point",
             "success": status in (SOLVED, ACCEPTED),
             "return_status": status,
             "iter_count": run.iterations,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..errors import NotConverged, PageError
 from ..nlp.derivative_check import not_finite
 from ..nlp.problem import Problem
 
+REFUSED = "Invalid_Option"  # before the first iteration, whose number is then unset
 INVALID = "Invalid_Number_Detected"  # IPOPT met NaN or infinity
 PROGRESS = {  # our names for IPOPT's
     "objective": "obj", "primal": "inf_pr", "dual": "inf_du", "barrier": "mu",
@@ -20,6 +22,9 @@ PROGRESS = {  # our names for IPOPT's
 SOLVED, ACCEPTED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 TOO_MANY, TIME_EXCEEDED = "Maximum_Iterations_Exceeded", "Maximum_WallTime_Exceeded"
 VIOLATED = "Constraints_Violated"  # status where IPOPT claims success
+NOT_OPTIMAL = "Optimality_Conditions_Violated"  # likewise
+STATIONARY = 1.0  # [-] largest stationarity of a success: dual_inf_tol of IPOPT
+COMPLEMENTARY = 1e-2  # [-] complementarity: its acceptable_compl_inf_tol
 FEASIBLE = 1e-4  # [-] largest violation of a success: a hundred times constr_viol_tol
 
 
@@ -28,9 +33,15 @@ FEASIBLE = 1e-4  # [-] largest violation of a success: a hundred times constr_vi
 class Solution:
     """Where a solve ended: costs and violations are recomputed from the values.
 
-    `success`: the solver says so, all numbers are finite, and no constraint is violated
-    by more than FEASIBLE, scaled as the solver sees it.  `status`: the solver's, or
-    VIOLATED.
+    `success`: the solver says so, all numbers are finite, no constraint is violated by
+    more than FEASIBLE, scaled as the solver sees it, and the other first-order
+    conditions hold to STATIONARY and COMPLEMENTARY.  `status`: the solver's, VIOLATED
+    or NOT_OPTIMAL; `solver`: the one that ended the solve, "interior_point" or "ipopt".
+
+    `stationarity`: the largest |entry| of the gradient of the Lagrangian, and of the
+    multipliers that push towards no limit; `complementarity`: the largest |multiplier
+    times distance from its limit|.  Both are recomputed from the programme, in scaled
+    unknowns, as `violations` are; NaN where nothing was solved.
 
     `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
     instances; `violations` by constraint, the largest; `multipliers` by constraint,
@@ -53,14 +64,22 @@ class Solution:
     seconds: dict[str, float]
     iterations_by_level: tuple[int, ...] = ()
     progress: dict[str, np.ndarray] = field(default_factory=dict)
+    solver: str = ""
+    stationarity: float = math.nan
+    complementarity: float = math.nan
 
     def at(self, problem) -> tuple[np.ndarray, np.ndarray]:
         """Return all unknowns and all data of a problem, as vectors, SI."""
         return problem.pack(self.values), problem.data(self.parameters)
 
 
-def recomputed(problem, x, data, found, lam_g, lam_x, stats, seconds) -> Solution:
-    """Return the solution at x; found: the value of every term there."""
+def recomputed(
+    problem, x, data, found, lam_g, lam_x, stats, seconds, bounds=None
+) -> Solution:
+    """Return the solution at x; found: the value of every term there.
+
+    bounds: lower and upper ones of x (unknowns,), SI, where it was solved.
+    """
     costs = {name: float(found[name].sum()) for name in problem.costs}
     violations, multipliers = {}, {}
     for name, term in problem.constraints.items():
@@ -68,12 +87,16 @@ def recomputed(problem, x, data, found, lam_g, lam_x, stats, seconds) -> Solutio
         beyond = np.maximum(term.lower - value, value - term.upper)
         violations[name] = float(np.maximum(0.0, beyond.max()))  # NaN stays
         multipliers[name] = lam_g[term.span].reshape(value.shape)
-    iterations = max(0, int(stats["iter_count"]))
+    status = str(stats["return_status"])
+    iterations = 0 if status == REFUSED else max(0, int(stats["iter_count"]))
     sums = [*costs.values(), *violations.values()]
-    finite = bool(np.all(np.isfinite(x))) and bool(np.all(np.isfinite(sums)))
-    success, status = bool(stats["success"]) and finite, str(stats["return_status"])
+    finite = np.isfinite(x).all() and np.isfinite(sums).all()
+    success = bool(stats["success"] and finite)
+    errors = _kkt_errors(problem, x, data, lam_g, lam_x, bounds)
     if success and max(violations.values(), default=0.0) > FEASIBLE:
         success, status = False, VIOLATED
+    elif success and not _is_optimal(**errors):
+        success, status = False, NOT_OPTIMAL
     return Solution(
         values=problem.unpack(x),
         objective=float(sum(costs.values())),
@@ -84,12 +107,39 @@ def recomputed(problem, x, data, found, lam_g, lam_x, stats, seconds) -> Solutio
         parameters={n: data[p.span] for n, p in problem.parameters.items()},
         success=success,
         status=status,
+        solver=str(stats.get("solver", "ipopt")),
         iterations=iterations,
         iterations_by_level=(iterations,),
         evaluations=int(stats.get("n_call_nlp_f", 0)),
         seconds=seconds,
         progress=_progress(stats),
+        **errors,
     )
+
+
+def _is_optimal(stationarity: float, complementarity: float) -> bool:
+    return stationarity <= STATIONARY and complementarity <= COMPLEMENTARY
+
+
+def _kkt_errors(problem, x, data, lam_g, lam_x, bounds) -> dict:
+    """Return the fields of a Solution about the first-order optimality conditions."""
+    if bounds is None:
+        return {}
+    scale = problem.scale
+    slope, g = problem.assembly.lagrangian(x / scale, data, lam_g)
+    value, multiplier = np.r_[x / scale, g], np.r_[lam_x * scale, lam_g]
+    lower, upper = (
+        np.r_[bound / scale, problem.limits(which)]
+        for bound, which in zip(bounds, ("lower", "upper"), strict=True)
+    )
+    slack = np.where(multiplier > 0, upper - value, value - lower)
+    no_limit = np.isinf(slack)
+    dual = np.r_[slope + lam_x * scale, multiplier[no_limit]]
+    products = multiplier[~no_limit] * slack[~no_limit]
+    return {
+        "stationarity": float(np.abs(dual).max(initial=0.0)),
+        "complementarity": float(np.abs(products).max(initial=0.0)),
+    }
 
 
 def after(first: Solution, then: Solution) -> Solution:
@@ -113,6 +163,7 @@ def evaluated(problem, values: dict, parameters: dict | None = None) -> Solution
     """Return a start as if a solve had ended there for lack of time: not a success."""
     x, data = problem.pack(values), problem.data(parameters)
     stats = {"iter_count": 0, "success": False, "return_status": TIME_EXCEEDED}
+    stats["solver"] = ""
     found = {name: problem.value(name, x, data) for name in problem.terms}
     none = np.zeros(problem.rows), np.zeros(problem.size)
     seconds = {"build": 0.0, "solve": 0.0}
@@ -142,8 +193,9 @@ def check_finite(problem: Problem, solution: Solution) -> None:
         bad = list(not_finite(problem, x, data, "the end of the solve"))
     if bad:
         raise PageError(
-            "the page has terms without a number", where=f"IPOPT: {solution.status}",
-            got="; ".join(bad), expected="finite costs, constraints and derivatives",
+            "the page has terms without a number",
+            where=f"{solution.solver}: {solution.status}", got="; ".join(bad),
+            expected="finite costs, constraints and derivatives",
             next="keep divisors, logarithms and roots away from zero; use functions "
             "of casadi, as float() and math make NaN of a symbol; problem.check() "
             "examines a page at its guess",
@@ -154,19 +206,14 @@ def _advice(solution: Solution, limit: bool) -> str:
     """Return what to do about a failed solve; limit: whether a time limit ended it."""
     if solution.status == TIME_EXCEEDED or limit:
         return "raise time_limit; the best so far is the error's `estimate`"
+    if solution.status == REFUSED:
+        return "leave out what this build of IPOPT does not have"
     return "start closer, loosen the tolerance, or run problem.check()"
 
 
 def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotConverged:
     """Return the error that names the worst terms of a solution; it has an estimate."""
     kept = {"problem": problem.describe(), "solution": solution, "estimate": estimate}
-    if solution.status == "Invalid_Option":
-        return NotConverged(
-            "IPOPT refused an option (Invalid_Option), nothing was solved",
-            where="ipopt",
-            expected="options of this build; its linear solvers are mumps and spral",
-            **kept,
-        )
     worst = sorted(solution.violations, key=solution.violations.get)[-3:][::-1]
     broken = [
         f"{n} by {solution.violations[n]:.2g}" for n in worst if solution.violations[n]
@@ -175,8 +222,8 @@ def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotCon
     costs = [f"{n} {solution.costs[n]:.3g}" for n in heavy]
     status = getattr(estimate, "status", solution.status)
     return NotConverged(
-        f"IPOPT says {solution.status} after {solution.iterations} iterations"
-        f"{status.removeprefix(solution.status)}",
+        f"{solution.solver} says {solution.status} after {solution.iterations} "
+        f"iterations{status.removeprefix(solution.status)}",
         where=f"{problem.size} unknowns, {problem.rows} constraints",
         got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
         next=_advice(solution, TIME_LIMIT in status),

@@ -33,60 +33,53 @@ class Solvers:
     by_options: dict = field(default_factory=dict)
 
     def kept(self, options: SolverOptions, eliminate=False, warm=False):
-        """Return a solver whose time limit ends by the deadline; it is made once."""
-        self.programme(options, eliminate)
+        """Return a solver whose time limit ends by the deadline; it is made once.
+
+        Functions and patterns take seconds of a large problem: they are made first.
+        """
+        programme = self.problem.programme(eliminate)
+        ours = not eliminate and set(options.ipopt) <= NAMES
+        kkt = self.condensed if ours else None
         options.deadline.check()
         left = max(MIN_SOLVE_TIME, options.deadline.left)
         options = replace(options, time_limit=min(options.time_limit, left))
         key = (*sorted(options.ipopt.items()), options.tolerance, options.time_limit)
         key += (eliminate, warm)
         if key not in self.by_options:
-            made = make_solver(self.problem, options, eliminate, warm, self)
-            self.by_options[key] = made
+            self.by_options[key] = make_solver(programme, options, warm, kkt)
         return self.by_options[key]
 
-    def programme(self, options: SolverOptions, eliminate=False) -> tuple | None:
-        """Return what our method solves; None where only IPOPT can.
-
-        The first call assembles functions and patterns, which takes seconds of a large
-        problem: the time limit of a solver is set after it.
-        """
-        _part(self.problem, eliminate)
-        ours = not eliminate and set(options.ipopt) <= NAMES
-        return self._programme if ours else None
-
     @cached_property
-    def _programme(self) -> tuple | None:
+    def condensed(self) -> CondensedKkt | None:
+        """The matrix of our method, None where there are too many equations for it."""
         problem = self.problem
         equal = problem.limits("lower") >= problem.limits("upper")
         if _read_by(problem, equal) > min(MOST_IN_EQUATIONS, problem.size // 2):
             return None
-        a = problem.assembly
-        return a, CondensedKkt(a.hessian, a.jacobian, equal)
+        of = problem.assembly
+        return CondensedKkt(of.hessian, of.jacobian, equal)
 
 
-def make_solver(problem, options, eliminate=False, warm=False, solvers=None):
-    """Return what solves this problem, called as a CasADi solver.
+def make_solver(programme, options: SolverOptions, warm: bool, kkt):
+    """Return what solves a programme, called as a CasADi solver.
 
-    The interior-point method of this package where there are few equations and no
-    options that only IPOPT has, else IPOPT.  options: SolverOptions; solvers: Solvers
-    of the problem, which share a programme.
+    The interior-point method of this package, which IPOPT takes over from where it is
+    stuck, or IPOPT alone.  programme: an Assembly or an Eliminated; kkt: the
+    CondensedKkt of an Assembly, None: IPOPT alone.
     """
 
-    def ipopt(seconds: float):  # it holds no `solvers`: these hold it
-        limited = replace(options, time_limit=seconds)
-        return make_ipopt(problem, limited, eliminate, warm)
+    def ipopt(seconds: float):
+        return make_ipopt(programme, replace(options, time_limit=seconds), warm)
 
-    programme = (solvers or Solvers(problem)).programme(options, eliminate)
-    if programme is None:
+    if kkt is None:
         return ipopt(options.time_limit)
     settings = Settings(**{**options.named(warm), **options.ipopt})
-    return InteriorPoint(programme, settings, ipopt)
+    return InteriorPoint((programme, kkt), settings, ipopt)
 
 
-def make_ipopt(problem, options: SolverOptions, eliminate=False, warm=False):
-    """Return IPOPT as a CasADi solver of this problem; it shares the derivatives."""
-    functions = (problem.eliminated if eliminate else problem).functions
+def make_ipopt(programme, options: SolverOptions, warm=False):
+    """Return IPOPT as a CasADi solver of a programme; it shares the derivatives."""
+    functions = programme.functions
     exact = {k: functions[k] for k in ("grad_f", "jac_g", "hess_lag")}
     settings = options.for_nlpsol(warm) | exact
     try:
@@ -131,39 +124,30 @@ def solve(
     check_types(options=(options, (SolverOptions, type(None))))
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
+    programme = problem.programme(eliminate)
     if solver is None:
         given = options or SolverOptions(), eliminate, warm is not None
         solver = Solvers(problem).kept(*given)
     built = time.process_time() - began
-    values = (warm.values if warm else start) or {}
-    x, lower, upper = _start(problem, values, fixed)
     data = problem.data(parameters)
+    x, *bounds = _start(problem, (warm.values if warm else start) or {}, fixed)
     began = time.process_time()
-    inputs = _inputs(problem, x, lower, upper, warm, eliminate)
     with interruptible():
-        out = solver(p=data, **inputs)
-    x, *multipliers = _outputs(problem, out, x, data, lower == upper, eliminate)
+        out = solver(p=data, **_inputs(problem, programme, x, bounds, warm))
+    x, *multipliers = _outputs(problem, programme, out, x, data, bounds)
     seconds = {"build": built, "solve": time.process_time() - began}
     found = problem.assembly.values(x / problem.scale, data), *multipliers
-    solution = recomputed(problem, x, data, *found, solver.stats(), seconds)
+    solution = recomputed(problem, x, data, *found, solver.stats(), seconds, bounds)
     log.debug("%s after %d iterations", solution.status, solution.iterations)
     if throw and not solution.success:
         raise not_converged(problem, solution)
     return solution
 
 
-def _part(problem, eliminate) -> tuple[object, object, object]:
-    """Return programme, free unknowns and kept rows of what the solver is given."""
-    if not eliminate:
-        return problem.assembly, slice(None), slice(None)
-    reduced = problem.eliminated
-    return reduced, reduced.free, reduced.kept
-
-
-def _inputs(problem, x, lower, upper, warm: Solution | None, eliminate) -> dict:
+def _inputs(problem, programme, x, bounds, warm: Solution | None) -> dict:
     """Return start, bounds and multipliers (of `warm`) as IPOPT takes them, scaled."""
-    _, free, kept = _part(problem, eliminate)
-    scale = problem.scale
+    free, kept, scale = programme.free, programme.kept, problem.scale
+    lower, upper = bounds
     inputs = {
         "x0": (x / scale)[free],
         "lbx": (lower / scale)[free],
@@ -173,26 +157,23 @@ def _inputs(problem, x, lower, upper, warm: Solution | None, eliminate) -> dict:
     }
     if warm:
         rows = [warm.multipliers[name].ravel() for name in problem.constraints]
-        bounds = problem.pack(warm.bound_multipliers) * scale
+        lam_x = problem.pack(warm.bound_multipliers) * scale
         inputs["lam_g0"] = np.concatenate([np.zeros(0), *rows])[kept]
-        inputs["lam_x0"] = bounds[free]
+        inputs["lam_x0"] = lam_x[free]
     return inputs
 
 
-def _outputs(problem, out, x, data, fixed, eliminate) -> tuple:
+def _outputs(problem, programme, out, x, data, bounds) -> tuple:
     """Return x and the multipliers of constraints and bounds, of all, in SI.
 
-    x: the start; fixed (unknowns,): whose bounds coincide.
+    x: the start; bounds: of all unknowns, those that coincide hold one fixed.
     """
-    programme, free, _ = _part(problem, eliminate)
+    free, fixed = programme.free, bounds[0] == bounds[1]
     scale, x, lam_x = problem.scale, x.copy(), np.zeros(problem.size)
     x[free] = np.asarray(out["x"]).ravel() * scale[free]
     lam_x[free] = _bound_multipliers(programme, out, data, fixed[free]) / scale[free]
-    lam_g = np.asarray(out["lam_g"]).ravel()
-    if eliminate:
-        x = problem.eliminated.complete(x, data)
-        lam_g = problem.eliminated.multipliers(x, data, lam_g)
-    return x, lam_g, lam_x
+    x, lam_g = programme.complete(x, data), np.asarray(out["lam_g"]).ravel()
+    return x, programme.multipliers(x, data, lam_g), lam_x
 
 
 def _bound_multipliers(programme, out, data, fixed) -> np.ndarray:
