@@ -23,8 +23,8 @@ SOLVED, ACCEPTED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 TOO_MANY, TIME_EXCEEDED = "Maximum_Iterations_Exceeded", "Maximum_WallTime_Exceeded"
 VIOLATED = "Constraints_Violated"  # status where IPOPT claims success
 NOT_OPTIMAL = "Optimality_Conditions_Violated"  # likewise
-STATIONARY = 1.0  # [-] largest stationarity of a success: dual_inf_tol of IPOPT
-COMPLEMENTARY = 1e-2  # [-] complementarity: its acceptable_compl_inf_tol
+# [-] at most, of a success: dual_inf_tol and acceptable_compl_inf_tol of IPOPT
+OPTIMAL = {"stationarity": 1.0, "complementarity": 1e-2}
 FEASIBLE = 1e-4  # [-] largest violation of a success: a hundred times constr_viol_tol
 
 
@@ -35,8 +35,8 @@ class Solution:
 
     `success`: the solver says so, all numbers are finite, no constraint is violated by
     more than FEASIBLE, scaled as the solver sees it, and the other first-order
-    conditions hold to STATIONARY and COMPLEMENTARY.  `status`: the solver's, VIOLATED
-    or NOT_OPTIMAL; `solver`: the one that ended the solve, "interior_point" or "ipopt".
+    conditions hold to OPTIMAL.  `status`: the solver's, VIOLATED or NOT_OPTIMAL;
+    `solver`: the one that ended the solve, "interior_point" or "ipopt".
 
     `stationarity`: the largest |entry| of the gradient of the Lagrangian, and of the
     multipliers that push towards no limit; `complementarity`: the largest |multiplier
@@ -87,15 +87,13 @@ def recomputed(
         beyond = np.maximum(term.lower - value, value - term.upper)
         violations[name] = float(np.maximum(0.0, beyond.max()))  # NaN stays
         multipliers[name] = lam_g[term.span].reshape(value.shape)
-    status = str(stats["return_status"])
-    iterations = 0 if status == REFUSED else max(0, int(stats["iter_count"]))
-    sums = [*costs.values(), *violations.values()]
-    finite = np.isfinite(x).all() and np.isfinite(sums).all()
-    success = bool(stats["success"] and finite)
+    finite = np.isfinite(np.r_[x, [*costs.values(), *violations.values()]]).all()
     errors = _kkt_errors(problem, x, data, lam_g, lam_x, bounds)
+    success, status = bool(stats["success"] and finite), str(stats["return_status"])
+    iterations = 0 if status == REFUSED else max(0, int(stats["iter_count"]))
     if success and max(violations.values(), default=0.0) > FEASIBLE:
         success, status = False, VIOLATED
-    elif success and not _is_optimal(**errors):
+    elif success and not all(errors[name] <= OPTIMAL[name] for name in errors):
         success, status = False, NOT_OPTIMAL
     return Solution(
         values=problem.unpack(x),
@@ -115,10 +113,6 @@ def recomputed(
         progress=_progress(stats),
         **errors,
     )
-
-
-def _is_optimal(stationarity: float, complementarity: float) -> bool:
-    return stationarity <= STATIONARY and complementarity <= COMPLEMENTARY
 
 
 def _kkt_errors(problem, x, data, lam_g, lam_x, bounds) -> dict:
