@@ -22,12 +22,14 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import centre_of_mass, contact, names
+from . import centre_of_mass, contact, finger_contact, names
 from .balance import Balance, groups, moves
 from .contact import MM
+from .finger_contact import pushing
 from .friction import Impulses, cone_violation, friction, impulses, least
+from .ground_contact import Corner
 from .level import Level
-from .rigid_body import ARM, G
+from .rigid_body import ARM, G, steps_of
 from .violation_implicit import WEIGHTS, contacts_of, felt
 
 # Free motion and contacts without friction have not been tested.
@@ -59,17 +61,14 @@ def build(nlp, window, scene, shape):
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
 
-    def now(s):
-        return theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s]
-
-    at, at_g = (push.p_wf, push.p_wf_1, push.radius, push.tangent), (corner.signs,)
-    sliding(nlp, "finger", fingers.velocity, now(push.step), pushes, eps, at)
-    separation(nlp, fingers, now(push.step), pushes, eps, at)
-    sliding(nlp, "ground", ground.velocity, now(corner.step), corners, eps, at_g)
-    nlp.report(
-        names.FINGER_IMPULSE, fingers.impulse, theta, x[:, step.pose[push.step]],
-        pushes.lam, push.p_wf, push.radius, push.tangent,
-    )  # fmt: skip
+    now = steps_of(step, theta, x, pushes.w, push.step)
+    at = pushing(push, pushes.lam)
+    sliding(nlp, "finger", fingers.velocity, now, at, pushes.mu, eps)
+    separation(nlp, fingers, now, at, eps)
+    now = steps_of(step, theta, x, corners.w, corner.step)
+    at = Corner(None, corners.lam, corner.signs)
+    sliding(nlp, "ground", ground.velocity, now, at, corners.mu, eps)
+    finger_contact.report(nlp, window, fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
 
 
@@ -104,47 +103,39 @@ def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         )  # fmt: skip
 
 
-def sliding(nlp, name, velocity, now, side, eps, at):
+def sliding(nlp, name, velocity, now, at, mu, eps):
     """Add the friction cone, and maximum dissipation within eps.
 
-    side: friction.Impulses; velocity(*now, *at) -> v_n, v_s.
+    velocity(now, at) -> v_n, v_s of a contact `at` (a Push or a Corner) in a Step.
     """
-    lam, mu, w = side.lam, side.mu, side.w
+    lam, w = at.lam, now.w
 
-    def dissipation(theta, x, x_1, dt, w, lam, mu, eps, *at):
-        _, v_s = velocity(theta, x, x_1, dt, *at)
-        most = mu * lam[0]
-        loss = contact.sliding_loss(most, lam, v_s, V_EPS) - most * V_EPS
-        return loss * dt / (w * MM) - eps
+    def dissipation(now, at, mu, eps):
+        _, v_s = velocity(now, at)
+        most = mu * at.lam[0]
+        loss = contact.sliding_loss(most, at.lam, v_s, V_EPS) - most * V_EPS
+        return loss * now.dt / (now.w * MM) - eps
 
     def cone(lam, mu, w):
         return contact.cone_squared(mu, lam / w) + APEX**2
 
-    nlp.subject_to(
-        f"{name} dissipation", dissipation, *now, w, lam, mu, eps, *at, upper=0
-    )
+    nlp.subject_to(f"{name} dissipation", dissipation, now, at, mu, eps, upper=0)
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
     nlp.report(f"{name} cone{names.EXACT}", cone_violation, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def separation(nlp, fingers, now, pushes, eps, at):
+def separation(nlp, fingers, now, at, eps):
     """Add non-penetration; complementarity and inelasticity within eps."""
-    theta, x, *_ = now
-    depth = nlp.variables["depth"]
+    depth, apart = nlp.variables["depth"], at._replace(lam=None)
 
-    def gap(theta, x, depth, p_wf, _, rho, *__):
-        pose = fingers.motion.pose(fingers.shape, theta, x)
-        phi = fingers.finger.gap(fingers.shape, theta, pose, p_wf, rho) + depth
-        return phi / MM
+    def gap(theta, x, depth, at):
+        return (fingers.gap(theta, x, at) + depth) / MM
 
-    def products(theta, x, x_1, dt, w, lam, depth, eps, *at):
-        v_n, _ = fingers.velocity(theta, x, x_1, dt, *at)
-        both = ca.vertcat(gap(theta, x, depth, *at), v_n * dt / MM)
-        return lam[0] / w * both - eps
+    def products(now, at, depth, eps):
+        v_n, _ = fingers.velocity(now, at)
+        both = ca.vertcat(gap(now.theta, now.x, depth, at), v_n * now.dt / MM)
+        return at.lam[0] / now.w * both - eps
 
-    nlp.subject_to("finger gap", gap, theta, x, depth, *at, lower=0)
-    nlp.subject_to(
-        "finger complementarity", products, *now, pushes.w, pushes.lam, depth, eps, *at,
-        upper=0,
-    )  # fmt: skip
+    nlp.subject_to("finger gap", gap, now.theta, now.x, depth, apart, lower=0)
+    nlp.subject_to("finger complementarity", products, now, at, depth, eps, upper=0)

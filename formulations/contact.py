@@ -16,6 +16,7 @@ r w rounds the apex of the cone, v_eps the speed; max(., 0) is rounded as well.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -43,6 +44,23 @@ class Contact:
     def impulse(self):
         """The impulse on the body (3,) [N s], world frame."""
         return impulse(self.lam, self.normal, self.tangents)
+
+
+class Sliding(NamedTuple):
+    """The law of friction of a contact, and what it costs to be off it.
+
+    mu: coefficient; kappa [nats/mm]; v_eps [m/s] and rounding r [weights] round it.
+    """
+
+    mu: object
+    kappa: object
+    v_eps: object
+    rounding: object
+
+    def cost(self, lam, v_s, dt, w):
+        """Return kappa D dt / (w mm) [nats] of an impulse while it slides at v_s."""
+        energy = dissipation(self.mu, lam, v_s, self.v_eps, self.rounding * w)
+        return self.kappa * energy * dt / (w * MM)
 
 
 def tangents(n, t):

@@ -28,8 +28,9 @@ import casadi as ca
 
 from . import contact, indentation, sensing
 from .contact import MM
-from .friction import cone_rounding_of
+from .friction import sliding_of
 from .names import FINGER_IMPULSE
+from .rigid_body import steps_of
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
 
@@ -45,7 +46,8 @@ CHANGE_ROUNDING = 0.02  # [weights] rounds |lam_n' / w' - lam_n / w|
 class Push(NamedTuple):
     """What a term reads of a finger that pushes, p_wf and rho [m] where it is.
 
-    theta: the part of the body that it sees, None: all of it; t: where t1 points.
+    theta: the part of the body that it sees, None: all of it; t: where t1 points;
+    p_wf_1: where it was a sample ago, of terms that read its velocity.
     """
 
     theta: object
@@ -53,6 +55,7 @@ class Push(NamedTuple):
     p_wf: object
     rho: object
     t: object
+    p_wf_1: object = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,52 +66,53 @@ class FingerContact:
     motion: object
     finger: object
 
-    def touch(self, theta, x, p_wf, rho, t):
-        """Return the point p_w [m], normal and tangents of the body at the contact."""
+    def gap(self, theta, x, push):
+        """Return the gap phi [m]."""
         pose = self.motion.pose(self.shape, theta, x)
-        p_w, n = self.finger.touch(self.shape, theta, pose, p_wf, rho)
-        return p_w, n, contact.tangents(n, t)
+        return self.finger.gap(self.shape, theta, pose, push.p_wf, push.rho)
+
+    def gap_and_normal(self, theta, x, push):
+        """Return the gap phi [m] and the body's normal towards the finger, world."""
+        pose = self.motion.pose(self.shape, theta, x)
+        at = self.shape, theta, pose, push.p_wf, push.rho
+        return self.finger.gap(*at), self.finger.normal(*at)
 
     def contact(self, theta, x, push):
         """Return the Contact of a Push."""
         theta = theta if push.theta is None else push.theta
-        p_w, n, tangents = self.touch(theta, x, push.p_wf, push.rho, push.t)
-        return contact.Contact(push.lam, p_w, -n, tangents)
+        pose = self.motion.pose(self.shape, theta, x)
+        p_w, n = self.finger.touch(self.shape, theta, pose, push.p_wf, push.rho)
+        return contact.Contact(push.lam, p_w, -n, contact.tangents(n, push.t))
 
-    def impulse(self, theta, x, lam, p_wf, rho, t):
+    def impulse(self, theta, x, push):
         """Return the impulse of a finger on the body, world frame [N s]."""
-        return self.contact(theta, x, Push(None, lam, p_wf, rho, t)).impulse
+        return self.contact(theta, x, push).impulse
 
-    def velocity(self, theta, x, x_1, dt, p_wf, p_wf_1, rho, t):
+    def velocity(self, step, push):
         """Return v_n, v_s (2,) [m/s] of finger and body; v_n > 0 parts them."""
-        p_w, n, (t_1, t_2) = self.touch(theta, x, p_wf, rho, t)
-        p, R = self.motion.pose(self.shape, theta, x)
-        p_1, R_1 = self.motion.pose(self.shape, theta, x_1)
+        at = self.contact(step.theta, step.x, push)
+        p_w, n, (t_1, t_2) = at.point, -at.normal, at.tangents
+        p, R = self.motion.pose(self.shape, step.theta, step.x)
+        p_1, R_1 = self.motion.pose(self.shape, step.theta, step.x_1)
         body_before = p_1 + R_1 @ (R.T @ (p_w - p))
-        v = (self.finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
+        v = (self.finger.before(p_w, push.p_wf, push.p_wf_1) - body_before) / step.dt
         return -ca.dot(v, n), ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
 
-    def felt(
-        self, theta, x, x_1, lam, p_wf, p_wf_1, rho, t, dt, w, kappa, v_eps, rounding,
-        mu,
-    ):  # fmt: skip
+    def felt(self, step, push, sliding):
         """Return the cost of friction that does not dissipate."""
-        _, v_s = self.velocity(theta, x, x_1, dt, p_wf, p_wf_1, rho, t)
-        energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
-        return kappa * energy * dt / (w * MM)
+        _, v_s = self.velocity(step, push)
+        return sliding.cost(push.lam, v_s, step.dt, step.w)
 
-    def unfelt(self, theta, x, lam, p_wf, rho, w, kappa):
+    def unfelt(self, theta, x, push, w, kappa):
         """Return the cost of the impulse of a finger that feels nothing."""
-        pose = self.motion.pose(self.shape, theta, x)
-        phi = self.finger.gap(self.shape, theta, pose, p_wf, rho)
-        energy = contact.complementarity(lam, phi, rho / ROUNDINGS)
-        return kappa * energy / (w * MM) + UNFELT * lam[0] / w
+        phi = self.gap(theta, x, push)
+        energy = contact.complementarity(push.lam, phi, push.rho / ROUNDINGS)
+        return kappa * energy / (w * MM) + UNFELT * push.lam[0] / w
 
-    def unseen(self, theta, x, lam, p_wf, rho, inside, w, kappa, sigma):
+    def unseen(self, theta, x, push, inside, w, kappa, sigma):
         """Return the cost of an impulse across a gap, and of penetration."""
-        pose = self.motion.pose(self.shape, theta, x)
-        phi = self.finger.gap(self.shape, theta, pose, p_wf, rho) + inside.delta()
-        energy = contact.complementarity(lam, phi, GAP_ROUNDING)
+        phi = self.gap(theta, x, push) + inside.delta()
+        energy = contact.complementarity(push.lam, phi, GAP_ROUNDING)
         return kappa * energy / (w * MM) + sensing.touch(ca.fmin(phi, 0), sigma)
 
     def lasting(self, lam, lam_1, w, w_1):
@@ -119,8 +123,18 @@ class FingerContact:
 
 def pushes_of(push, pushes, j):
     """Return the Push that each instance of a term reads; j: its row in `push`."""
-    theta = None if pushes.theta is None else pushes.theta.pick(j)
-    return Push(theta, pushes.lam[:, j], push.p_wf[j], push.radius[j], push.tangent[j])
+    f = push.pick(j)
+    return Push(pushes.part(None, j), pushes.lam[:, j], f.p_wf, f.radius, f.tangent)
+
+
+def pushing(f, lam):
+    """Return the Push of fingers (window.Pushes) by lam, of terms that know theta."""
+    return Push(None, lam, f.p_wf, f.radius, f.tangent, f.p_wf_1)
+
+
+def sensed(f, lam=None):
+    """Return the Push of fingers (window.Samples or Pushes) of which gaps are read."""
+    return Push(None, lam, f.p_wf, f.radius, None)
 
 
 def add(nlp, window, fingers, theta, x, pushes):
@@ -128,44 +142,42 @@ def add(nlp, window, fingers, theta, x, pushes):
 
     pushes: friction.Impulses of every push.
     """
-    step, push, unfelt = window.step, window.push, window.unfelt
-    theta = theta if pushes.theta is None else pushes.theta
-    lam, mu, w = pushes.lam, pushes.mu, pushes.w
-    kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
-    silent = set(unfelt.tolist())
-    felt = [i for i in range(len(push)) if i not in silent]
-    f, s = push.pick(felt), push.step[felt]
+    step, push, silent = window.step, window.push, window.unfelt
+    lam, w = pushes.lam, pushes.w
+    felt = sorted({*range(len(push))} - {*silent.tolist()})
+    now = steps_of(step, pushes.part(theta, felt), x, w[felt], push.step[felt])
     nlp.minimize(
-        "finger dissipation", fingers.felt, theta.pick(felt), x[:, step.pose[s]],
-        x[:, step.before[s]], lam[:, felt], f.p_wf, f.p_wf_1, f.radius, f.tangent,
-        step.dt[s], w[felt], kappa, v_eps, cone_rounding_of(nlp, mu), mu,
+        "finger dissipation", fingers.felt, now, pushing(push.pick(felt), lam[:, felt]),
+        sliding_of(nlp, pushes.mu), role="physics",
+    )  # fmt: skip
+    f, kappa = push.pick(silent), nlp.parameters["kappa"]
+    nlp.minimize(
+        "finger complementarity", fingers.unfelt, pushes.part(theta, silent),
+        x[:, step.pose[f.step]], sensed(f, lam[:, silent]), w[silent], kappa,
         role="physics",
     )  # fmt: skip
-    f, s = push.pick(unfelt), push.step[unfelt]
-    nlp.minimize(
-        "finger complementarity", fingers.unfelt, theta.pick(unfelt),
-        x[:, step.pose[s]], lam[:, unfelt], f.p_wf, f.radius, w[unfelt], kappa,
-        role="physics",
-    )  # fmt: skip
-    nlp.report(
-        FINGER_IMPULSE, fingers.impulse, theta, x[:, step.pose[push.step]], lam,
-        push.p_wf, push.radius, push.tangent,
-    )  # fmt: skip
+    report(nlp, window, fingers, theta, x, pushes)
+
+
+def report(nlp, window, fingers, theta, x, pushes):
+    """Report the impulse of every push on the body."""
+    f, theta = window.push, pushes.part(theta, slice(None))
+    at = Push(None, pushes.lam, f.p_wf, f.radius, f.tangent)
+    now = x[:, window.step.pose[f.step]]
+    nlp.report(FINGER_IMPULSE, fingers.impulse, theta, now, at)
 
 
 def unseen(nlp, window, fingers, theta, x, pushes):
     """Add the costs of fingers whose samples are missing: they may push or not."""
-    rows = window.unseen
-    push, s = window.push.pick(rows), window.push.step[rows]
-    theta = theta if pushes.theta is None else pushes.theta
+    rows, (now, before), p = window.unseen, window.lasting, nlp.parameters
+    lam, w, f = pushes.lam, pushes.w, window.push.pick(rows)
     inside = indentation.of_pushes(nlp, pushes, rows)
     nlp.minimize(
-        "unseen finger", fingers.unseen, theta.pick(rows), x[:, window.step.pose[s]],
-        pushes.lam[:, rows], push.p_wf, push.radius, inside, pushes.w[rows],
-        nlp.parameters["kappa"], nlp.parameters["touch scale"], role="likelihood",
+        "unseen finger", fingers.unseen, pushes.part(theta, rows),
+        x[:, window.step.pose[f.step]], sensed(f, lam[:, rows]), inside, w[rows],
+        p["kappa"], p["touch scale"], role="likelihood",
     )  # fmt: skip
-    now, before = window.lasting
     nlp.minimize(
-        "lasting push", fingers.lasting, pushes.lam[:, now], pushes.lam[:, before],
-        pushes.w[now], pushes.w[before], role="prior",
+        "lasting push", fingers.lasting, lam[:, now], lam[:, before], w[now], w[before],
+        role="prior",
     )  # fmt: skip

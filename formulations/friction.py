@@ -32,6 +32,11 @@ class Impulses:
     w: object
     theta: object = None
 
+    def part(self, theta, j):
+        """Return what contacts j read of the body, by default theta (None: None)."""
+        whole = theta if self.theta is None else self.theta
+        return whole if whole is None else whole.pick(j)
+
 
 def friction(nlp, name, value):
     """Declare a coefficient: a parameter where it is known, else an unknown."""
@@ -73,10 +78,11 @@ def add_cone(nlp, name, impulses):
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def cone_rounding_of(nlp, mu):
-    """Return what rounds the cone [weights]: nothing, where mu is known to be zero."""
-    slips = mu.name in nlp.parameters and mu.value[0] == 0
-    return 0.0 if slips else nlp.parameters["cone rounding"]
+def sliding_of(nlp, mu):
+    """Return contact.Sliding; nothing rounds the cone where mu is known to be zero."""
+    p, slips = nlp.parameters, mu.name in nlp.parameters and mu.value[0] == 0
+    rounding = 0.0 if slips else p["cone rounding"]
+    return contact.Sliding(mu, p["kappa"], p["speed rounding"], rounding)
 
 
 def cone_margin(lam, mu, w, rounding):

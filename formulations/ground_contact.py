@@ -22,8 +22,9 @@ import casadi as ca
 
 from . import contact
 from .contact import MM
-from .friction import cone_rounding_of
+from .friction import sliding_of
 from .names import GROUND_GAP, GROUND_IMPULSE
+from .rigid_body import steps_of
 
 REST = 0.1e-3  # [m] deviation of a resting corner from the ground
 ROOM = 3e-3  # [REST] below the ground (0.3 um): an interior, also for poses held fixed
@@ -69,43 +70,46 @@ class GroundContact:
         """Return the impulse of the ground on the body, world frame [N s]."""
         return contact.impulse(lam, Z, (X, Y))
 
-    def velocity(self, theta, x, x_1, dt, signs):
+    def gap(self, theta, x, corner):
+        """Return the height [m] of a corner."""
+        return self.corner(theta, x, corner.signs)[2]
+
+    def velocity(self, step, corner):
         """Return v_n, v_s (2,) [m/s] of a corner against the ground."""
-        v = (self.corner(theta, x, signs) - self.before(theta, x, x_1, signs)) / dt
+        p_w = self.corner(step.theta, step.x, corner.signs)
+        v = (p_w - self.before(step, corner.signs)) / step.dt
         return v[2], v[:2]
 
-    def before(self, theta, x, x_1, signs):
+    def before(self, step, signs):
         """Return where, at the pose x_1, the point was that is the corner at x [m]."""
         if not self.shape.rolls:
-            return self.corner(theta, x_1, signs)
-        _, R_wo = self.motion.pose(self.shape, theta, x)
-        p_1, R_1 = self.motion.pose(self.shape, theta, x_1)
-        return p_1 + R_1 @ self.low(theta, R_wo, signs)
+            return self.corner(step.theta, step.x_1, signs)
+        _, R_wo = self.motion.pose(self.shape, step.theta, step.x)
+        p_1, R_1 = self.motion.pose(self.shape, step.theta, step.x_1)
+        return p_1 + R_1 @ self.low(step.theta, R_wo, signs)
 
-    def dissipation(self, theta, x, x_1, lam, signs, dt, w, kappa, v_eps, rounding, mu):
+    def dissipation(self, step, corner, sliding):
         """Return the cost of friction that does not dissipate."""
-        _, v_s = self.velocity(theta, x, x_1, dt, signs)
-        energy = contact.dissipation(mu, lam, v_s, v_eps, rounding * w)
-        return kappa * energy * dt / (w * MM)
+        _, v_s = self.velocity(step, corner)
+        return sliding.cost(corner.lam, v_s, step.dt, step.w)
 
-    def complementarity(self, theta, x, lam, signs, w, kappa):
+    def complementarity(self, theta, x, corner, w, kappa):
         """Return the cost of an impulse on a corner above the ground."""
-        height = self.corner(theta, x, signs)[2] + ROOM * REST
-        return kappa * lam[0] * height / (w * MM)
+        height = self.gap(theta, x, corner) + ROOM * REST
+        return kappa * corner.lam[0] * height / (w * MM)
 
-    def gap(self, theta, x, signs):
+    def above(self, theta, x, corner):
         """Return the height of a corner [REST]."""
-        return self.corner(theta, x, signs)[2] / REST
+        return self.gap(theta, x, corner) / REST
 
-    def rest(self, theta, x, signs):
+    def rest(self, theta, x, corner):
         """Return the cost of a corner off the ground, on which the object rests."""
-        return (self.corner(theta, x, signs)[2] / REST) ** 2 / 2
+        return self.above(theta, x, corner) ** 2 / 2
 
 
 def corners_of(corner, corners, c):
     """Return the Corner that each instance of a term reads; c: its row in `corner`."""
-    theta = None if corners.theta is None else corners.theta.pick(c)
-    return Corner(theta, corners.lam[:, c], corner.signs[c])
+    return Corner(corners.part(None, c), corners.lam[:, c], corner.signs[c])
 
 
 def add(nlp, window, ground, theta, x, corners, resting=None):
@@ -114,33 +118,25 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
     corners: friction.Impulses of every corner; resting: the part of the body that each
     resting corner sees, by default all of it.
     """
-    theta = theta if corners.theta is None else corners.theta
-    resting = theta if resting is None else resting
-    lam, mu, w = corners.lam, corners.mu, corners.w
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
-    kappa, v_eps = nlp.parameters["kappa"], nlp.parameters["speed rounding"]
-
-    def poses(s):
-        return x[:, step.pose[s]], x[:, step.before[s]]
-
-    s = corner.step
+    lam, w, kappa = corners.lam, corners.w, nlp.parameters["kappa"]
     if lam.rows > 1:
+        of = corners.part(theta, slice(None))
+        now, at = steps_of(step, of, x, w, corner.step), Corner(None, lam, corner.signs)
         nlp.minimize(
-            "ground dissipation", ground.dissipation, theta, *poses(s), lam,
-            corner.signs, step.dt[s], w, kappa, v_eps, cone_rounding_of(nlp, mu), mu,
-            role="physics",
+            "ground dissipation", ground.dissipation, now, at,
+            sliding_of(nlp, corners.mu), role="physics",
         )  # fmt: skip
-    s, first = lift.step, slice(len(lift.step))
+    first = slice(len(lift))
+    of, now = corners.part(theta, first), x[:, step.pose[lift.step]]
+    at = Corner(None, lam[:, first], lift.signs)
     nlp.minimize(
-        "ground complementarity", ground.complementarity, theta.pick(first),
-        x[:, step.pose[s]], lam[:, first], lift.signs, w[first], kappa, role="physics",
+        "ground complementarity", ground.complementarity, of, now, at, w[first], kappa,
+        role="physics",
     )  # fmt: skip
-    nlp.subject_to(
-        GROUND_GAP, ground.gap, theta.pick(first), x[:, step.pose[s]], lift.signs,
-        lower=-ROOM,
-    )  # fmt: skip
-    nlp.minimize(
-        "rest", ground.rest, resting.pick(slice(len(rest))), x[:, rest.pose],
-        rest.signs, role="physics",
-    )  # fmt: skip
+    at = at._replace(lam=None)
+    nlp.subject_to(GROUND_GAP, ground.above, of, now, at, lower=-ROOM)
+    of = corners.part(theta, slice(len(rest))) if resting is None else resting
+    at = Corner(None, None, rest.signs)
+    nlp.minimize("rest", ground.rest, of, x[:, rest.pose], at, role="physics")
     nlp.report(GROUND_IMPULSE, ground.impulse, lam)

@@ -20,6 +20,7 @@ from math import hypot
 import casadi as ca
 
 from . import sensing
+from .finger_contact import FingerContact, sensed
 from .names import FREE_TERM, TOUCH_TERM
 
 LENGTH, OTHER = 1e-3, 1e-2  # [m], [unit] typical change of an entry of theta
@@ -56,32 +57,30 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
     normal [rad]: model errors of a sample, added to the sensors' own; indentation:
     Rigid or Soft (indentation.py), of every felt finger.
     """
-    motion, finger = window.motion, window.finger
+    finger = window.finger
+    fingers = FingerContact(shape, window.motion, finger)
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
     touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
     normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", steepness(sigma_p), "1/m")
 
-    def touching(theta, x, inside, p_wf, rho, n_m, latency, sigma, sigma_n):
-        pose = motion.pose(shape, theta, x)
-        phi = finger.gap(shape, theta, pose, p_wf, rho) + inside.delta()
-        n = finger.felt(finger.normal(shape, theta, pose, p_wf, rho), p_wf)
+    def touching(theta, x, inside, at, n_m, latency, sigma, sigma_n):
+        phi, n = fingers.gap_and_normal(theta, x, at)
+        phi, n = phi + inside.delta(), finger.felt(n, at.p_wf)
         off = inside.widened(ca.hypot(sigma, latency))
-        turned = ca.hypot(sigma_n, latency / rho)
+        turned = ca.hypot(sigma_n, latency / at.rho)
         cost = sensing.touch(phi, off) + sensing.normal(n, finger.measured(n_m), turned)
         return sensing.mixture(cost, window.outlier_cost)
 
-    def free(theta, x, p_wf, rho, alpha):
-        pose = motion.pose(shape, theta, x)
-        phi = finger.gap(shape, theta, pose, p_wf, rho)
-        return sensing.mixture(sensing.free(phi, alpha), window.outlier_cost)
+    def free(theta, x, at, alpha):
+        cost = sensing.free(fingers.gap(theta, x, at), alpha)
+        return sensing.mixture(cost, window.outlier_cost)
 
     t, f = window.touch, window.free
     nlp.minimize(
-        TOUCH_TERM, touching, theta[0], x[:, t.pose], indentation, t.p_wf, t.radius,
-        t.normal, t.latency, touch_scale, normal_scale, role="likelihood",
+        TOUCH_TERM, touching, theta[0], x[:, t.pose], indentation, sensed(t), t.normal,
+        t.latency, touch_scale, normal_scale, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        FREE_TERM, free, theta[1], x[:, f.pose], f.p_wf, f.radius, alpha,
-        role="likelihood",
-    )  # fmt: skip
+        FREE_TERM, free, theta[1], x[:, f.pose], sensed(f), alpha, role="likelihood"
+    )

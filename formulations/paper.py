@@ -36,14 +36,16 @@ import math
 
 import casadi as ca
 
-from . import names
+from . import finger_contact, names
 from . import paper_contact as g
 from .balance import groups, moves
+from .finger_contact import pushing, sensed
 from .friction import Impulses, friction
+from .ground_contact import Corner
 from .level import Level
 from .likelihood import declare
 from .paper_physics import Physics
-from .rigid_body import G
+from .rigid_body import G, steps_of
 
 ALPHA = math.log(19) / 5e-3  # [1/m] of eq:bool: 95 % sure 5 mm away (public code)
 SIGMA_N = ((0.01519, 0, 0), (0, 0.01519, 0), (0, 0, 0.01519))  # [rad^2] (public code)
@@ -79,42 +81,37 @@ def build(nlp, window, scene, shape):
         nlp.parameter(name, value, unit)
     dynamics(nlp, window, body, theta, x, lam, lam_g)
 
-    def now(s):
-        poses = x[:, step.pose[s]], x[:, step.before[s]]
-        return theta, *poses, step.dt[s], scene.mass * G * step.dt[s]
-
-    gap, velocity = body.finger_gap, body.fingers.velocity
-    moving = push.p_wf, push.p_wf_1, push.radius, push.tangent
+    gap, velocity = body.fingers.gap, body.fingers.velocity
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
-    at = now(push.step)
-    g.maximum_dissipation(nlp, "finger", velocity, at, lam, moving)
-    g.friction_cone(nlp, "finger", at[-1], lam, mu)
-    g.complementarity(nlp, "finger", gap, at, lam, (push.p_wf, push.radius))
-    g.inelasticity(nlp, "finger", velocity, at, lam, moving)
+    w = scene.mass * G * step.dt
+    now, at = steps_of(step, theta, x, w[push.step], push.step), pushing(push, lam)
+    g.maximum_dissipation(nlp, "finger", velocity, now, at)
+    g.friction_cone(nlp, "finger", now.w, lam, mu)
+    g.complementarity(nlp, "finger", gap, now, at)
+    g.inelasticity(nlp, "finger", velocity, now, at)
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
-        g.non_penetration(nlp, name, gap, theta, x[:, f.pose], (f.p_wf, f.radius))
-    ground(nlp, window, scene, body, theta, x, lam_g, now)
-    nlp.report(
-        names.FINGER_IMPULSE, body.fingers.impulse, theta, x[:, step.pose[push.step]],
-        lam, push.p_wf, push.radius, push.tangent,
-    )  # fmt: skip
+        g.non_penetration(nlp, name, gap, theta, x[:, f.pose], sensed(f))
+    ground(nlp, window, scene, body, theta, x, lam_g, w)
+    finger_contact.report(nlp, window, body.fingers, theta, x, Impulses(lam, mu, w))
     nlp.report(names.GROUND_IMPULSE, body.ground.impulse, lam_g)
 
 
-def ground(nlp, window, scene, body, theta, x, lam_g, now):
+def ground(nlp, window, scene, body, theta, x, lam_g, w):
     """Add (1) to (4) and FC of the corners on the ground."""
-    corner, lift, rest = window.corner, window.lift, window.rest
-    gap, velocity = body.ground_gap, body.ground.velocity
+    step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
+    gap, velocity = body.ground.gap, body.ground.velocity
     mu = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
-    at = now(corner.step)
-    g.maximum_dissipation(nlp, "ground", velocity, at, lam_g, (corner.signs,))
-    g.friction_cone(nlp, "ground", at[-1], lam_g, mu)
-    at, lifting = now(lift.step), lam_g[:, : len(lift)]
-    g.complementarity(nlp, "ground", gap, at, lifting, (lift.signs,))
-    g.inelasticity(nlp, "ground", velocity, at, lifting, (lift.signs,))
-    now_x = x[:, window.step.pose[lift.step]]
-    g.non_penetration(nlp, "ground", gap, theta, now_x, (lift.signs,))
-    g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], (rest.signs,))
+    now = steps_of(step, theta, x, w[corner.step], corner.step)
+    at = Corner(None, lam_g, corner.signs)
+    g.maximum_dissipation(nlp, "ground", velocity, now, at)
+    g.friction_cone(nlp, "ground", now.w, lam_g, mu)
+    now = steps_of(step, theta, x, w[lift.step], lift.step)
+    at = Corner(None, lam_g[:, : len(lift)], lift.signs)
+    g.complementarity(nlp, "ground", gap, now, at)
+    g.inelasticity(nlp, "ground", velocity, now, at)
+    g.non_penetration(nlp, "ground", gap, theta, now.x, Corner(None, None, lift.signs))
+    resting = Corner(None, None, rest.signs)
+    g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], resting)
 
 
 def felt(nlp, window, shape, body):
@@ -125,11 +122,11 @@ def felt(nlp, window, shape, body):
     information = nlp.parameter("normal information", inverse, "1/rad^2")
     t, f = window.touch, window.free
     nlp.minimize(
-        names.TOUCH_TERM, body.felt, theta, x[:, t.pose], t.p_wf, t.radius, t.normal,
-        alpha, information, role="likelihood",
+        names.TOUCH_TERM, body.felt, theta, x[:, t.pose], sensed(t), t.normal, alpha,
+        information, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        names.FREE_TERM, body.free, theta, x[:, f.pose], f.p_wf, f.radius, alpha,
+        names.FREE_TERM, body.free, theta, x[:, f.pose], sensed(f), alpha,
         role="likelihood",
     )  # fmt: skip
     return theta, x

@@ -4,9 +4,8 @@ r"""The contact terms of the printed problem (paper.py): (1) to (4), and the con
     (4) lam_n max(v_n, 0)            FC = {|lam_t| <= mu lam_n}
 
 The expressions are in contact.py; here they become terms, energies over w MM, the work
-of lifting the object by 1 mm.  `now` stands for theta, x, x_1, dt and the weight w
-over the step; gap(theta, x, *where) and velocity(theta, x, x_1, dt, *where) are those
-of a contact, `where` the data that they read.
+of lifting the object by 1 mm.  `now` is a Step, `at` the Push of a finger or the Corner
+of a ground contact; gap(theta, x, at) and velocity(now, at) are those of a contact.
 """
 
 from __future__ import annotations
@@ -32,17 +31,16 @@ def impulses(nlp, window, scene, shape):
     return lam, nlp.variable("ground", 3, len(corner), guess=guess_g, **bounds)
 
 
-def maximum_dissipation(nlp, name, velocity, now, lam, where):
+def maximum_dissipation(nlp, name, velocity, now, at):
     """Add maximum power dissipation (2)."""
 
-    def dissipation(theta, x, x_1, dt, w, lam, nats, *where):
-        _, v_s = velocity(theta, x, x_1, dt, *where)
-        return nats * contact.printed_dissipation(lam, v_s) * dt / (w * MM)
+    def dissipation(now, at, nats):
+        _, v_s = velocity(now, at)
+        energy = contact.printed_dissipation(at.lam, v_s)
+        return nats * energy * now.dt / (now.w * MM)
 
     weight = nlp.parameters["dissipation"]
-    nlp.minimize(
-        f"{name} dissipation", dissipation, *now, lam, weight, *where, role="physics"
-    )
+    nlp.minimize(f"{name} dissipation", dissipation, now, at, weight, role="physics")
 
 
 def friction_cone(nlp, name, w, lam, mu):
@@ -55,40 +53,36 @@ def friction_cone(nlp, name, w, lam, mu):
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, slack, lower=0)
 
 
-def complementarity(nlp, name, gap, now, lam, where):
+def complementarity(nlp, name, gap, now, at):
     """Add complementarity (1)."""
 
-    def energy(theta, x, x_1, dt, w, lam, nats, *where):
-        phi = gap(theta, x, *where)
-        return nats * contact.printed_complementarity(lam, phi) / (w * MM)
+    def energy(now, at, nats):
+        phi = gap(now.theta, now.x, at)
+        return nats * contact.printed_complementarity(at.lam, phi) / (now.w * MM)
 
     weight = nlp.parameters["complementarity"]
-    nlp.minimize(
-        f"{name} complementarity", energy, *now, lam, weight, *where, role="physics"
-    )
+    nlp.minimize(f"{name} complementarity", energy, now, at, weight, role="physics")
 
 
-def inelasticity(nlp, name, velocity, now, lam, where):
+def inelasticity(nlp, name, velocity, now, at):
     """Add inelasticity (4)."""
 
-    def energy(theta, x, x_1, dt, w, lam, nats, v_eps, *where):
-        v_n, _ = velocity(theta, x, x_1, dt, *where)
-        return nats * contact.inelasticity(lam, v_n, v_eps) * dt / (w * MM)
+    def energy(now, at, nats, v_eps):
+        v_n, _ = velocity(now, at)
+        rebound = contact.inelasticity(at.lam, v_n, v_eps)
+        return nats * rebound * now.dt / (now.w * MM)
 
-    p = nlp.parameters
-    nlp.minimize(
-        f"{name} inelasticity", energy, *now, lam, p["inelasticity"],
-        p["speed rounding"], *where, role="physics",
-    )  # fmt: skip
+    weights = nlp.parameters["inelasticity"], nlp.parameters["speed rounding"]
+    nlp.minimize(f"{name} inelasticity", energy, now, at, *weights, role="physics")
 
 
-def non_penetration(nlp, name, gap, theta, x, where):
+def non_penetration(nlp, name, gap, theta, x, at):
     """Add non-penetration (3)."""
 
-    def penetration(theta, x, deviation, *where):
-        return contact.penetration_squared(gap(theta, x, *where)) / (2 * deviation**2)
+    def penetration(theta, x, deviation, at):
+        return contact.penetration_squared(gap(theta, x, at)) / (2 * deviation**2)
 
     deviation = nlp.parameters["penetration deviation"]
     nlp.minimize(
-        f"{name} penetration", penetration, theta, x, deviation, *where, role="physics"
+        f"{name} penetration", penetration, theta, x, deviation, at, role="physics"
     )

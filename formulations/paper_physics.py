@@ -27,8 +27,7 @@ class Physics:
     """The functions of one body, its fingers and the ground."""
 
     def __init__(self, window, scene, shape):
-        self.motion, self.finger = window.motion, window.finger
-        self.scene, self.shape = scene, shape
+        self.motion, self.scene, self.shape = window.motion, scene, shape
         self.fingers = FingerContact(shape, window.motion, window.finger)
         self.ground = GroundContact(shape, window.motion)
         self.balance = Balance(self.fingers, self.ground, scene.gravity)
@@ -37,23 +36,15 @@ class Physics:
         """Return p_wo (3,) [m] and R_wo (3, 3)."""
         return self.motion.pose(self.shape, theta, x)
 
-    def finger_gap(self, theta, x, p_wf, rho):
-        """Return the gap phi [m] of a finger."""
-        return self.finger.gap(self.shape, theta, self.pose(theta, x), p_wf, rho)
-
-    def ground_gap(self, theta, x, signs):
-        """Return the height [m] of a corner."""
-        return self.ground.corner(theta, x, signs)[2]
-
-    def felt(self, theta, x, p_wf, rho, n_m, alpha, information):
-        """Return eq:loss of a sample with contact."""
-        n = self.finger.normal(self.shape, theta, self.pose(theta, x), p_wf, rho)
+    def felt(self, theta, x, at, n_m, alpha, information):
+        """Return eq:loss of a sample with contact of a finger `at` (a Push)."""
+        phi, n = self.fingers.gap_and_normal(theta, x, at)
         cost = sensing.normal_within(n, n_m, ca.reshape(information, 3, 3))
-        return cost + sensing.felt(self.finger_gap(theta, x, p_wf, rho), alpha)
+        return cost + sensing.felt(phi, alpha)
 
-    def free(self, theta, x, p_wf, rho, alpha):
+    def free(self, theta, x, at, alpha):
         """Return eq:loss of a sample without contact."""
-        return sensing.free(self.finger_gap(theta, x, p_wf, rho), alpha)
+        return sensing.free(self.fingers.gap(theta, x, at), alpha)
 
     def unpredicted(self, theta, x, x_1, x_2, dt, deviation, *contacts):
         """Return |x_t - f(x_{t-1}, lam_t, r_t)|^2 over 2 deviation^2."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -46,6 +47,24 @@ class Body:
 
     centroid: object
     inertia: object
+
+
+class Step(NamedTuple):
+    """What a term reads of a time step: the body theta, its pose x, and x_1 before.
+
+    dt [s]; w [N s]: the weight of the body over it.
+    """
+
+    theta: object
+    x: object
+    x_1: object
+    dt: object
+    w: object
+
+
+def steps_of(step, theta, x, w, s):
+    """Return the Step that each instance of a term reads; s: its row in `step`."""
+    return Step(theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s], w)
 
 
 def uniform(shape, theta):

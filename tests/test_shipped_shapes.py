@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from formulations import sensing
 from formulations.finger import SPHERE
-from formulations.ground_contact import GroundContact
-from formulations.rigid_body import FREE
+from formulations.ground_contact import Corner, GroundContact
+from formulations.rigid_body import FREE, Step
 from formulations.shape import CUBOID
 from formulations.size_prior import size_cost
 from tactilenlp import CYLINDER, ELLIPSOID, log_size_prior, prism
@@ -200,12 +200,12 @@ def test_support_of_the_ellipsoid_is_where_the_normal_is():
 
 def test_a_ball_that_rolls_does_not_slide_on_the_ground():
     theta, angle, dt = ca.DM([0.05] * 3), 0.02, 1 / 30
-    ground = GroundContact(ELLIPSOID, FREE)
+    ground, low = GroundContact(ELLIPSOID, FREE), Corner(None, None, ca.DM([0, 0, -1]))
     x_1 = ca.DM([0, 0, 0.025, 0, 0, 0])
     x = ca.DM([0.025 * angle, 0, 0.025, 0, angle, 0])
-    _, v_s = ground.velocity(theta, x, x_1, dt, ca.DM([0, 0, -1]))
+    _, v_s = ground.velocity(Step(theta, x, x_1, dt, None), low)
     slid = ca.DM([0.025 * angle, 0, 0.025, 0, 0, 0])
-    _, sliding = ground.velocity(theta, slid, x_1, dt, ca.DM([0, 0, -1]))
+    _, sliding = ground.velocity(Step(theta, slid, x_1, dt, None), low)
     # To second order in the angle of a step: r angle^2 / 2.
     assert np.abs(np.asarray(v_s)).max() < 0.025 * angle**2 / dt
     assert float(sliding[0]) == pytest.approx(0.025 * angle / dt)
