@@ -37,10 +37,13 @@ import casadi as ca
 from .friction import Impulses, add_cone, friction, impulses
 from .known_trajectory_terms import (
     CONE_ROUNDING,
+    Corner,
+    Ground,
+    Motion,
+    Pose,
     Touch,
     gaussian,
     imbalance,
-    in_world,
     penetration,
     sliding,
     touching,
@@ -83,8 +86,8 @@ def build(nlp, window, scene):
     uniform = nlp.parameter("uniform inertia", window.uniform, "m^2")
     nlp.parameter("surface", SURFACE, "m")
     balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam)
-    corner = theta[:, touch.column], touch.sign
-    ground = plane, offset[:, step.toss[touch.step]]
+    ground = Ground(plane, offset[:, step.toss[touch.step]])
+    corner = Corner(theta[:, touch.column], touch.sign)
     contacts(nlp, window, ground, radius, corner, Impulses(lam, mu, weight), fall)
     for x, mean, deviation in (
         (theta, window.guess.T, SIZE),
@@ -98,44 +101,42 @@ def build(nlp, window, scene):
 
 def balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam):
     """Add the balance of every step, by number of corners that may touch."""
-    step, touch = window.step, window.touch
+    touch = window.touch
     for count, g in window.groups.items():
-        s = g.steps
+        ground = Ground(plane, offset[:, window.step.toss[g.steps]])
+        s = window.step.pick(g.steps)
+        motion = Motion(s.noise, s.dv, s.w, s.w_1, s.R_half, s.R_half_1, s.R_wo)
         touches = [
-            Touch(lam[:, c], theta[:, touch.column[c]], touch.sign[c])
+            Touch(lam[:, c], Corner(theta[:, touch.column[c]], touch.sign[c]))
             for c in g.touches.T
         ]
         nlp.minimize(
-            f"balance, {count} touching", imbalance, plane, offset[:, step.toss[s]],
-            inertia, fall, uniform, step.noise[s], step.dv[s], step.w[s], step.w_1[s],
-            step.R_half[s], step.R_half_1[s], step.R_wo[s], *touches,
-            role="likelihood",
+            f"balance, {count} touching", imbalance, ground, inertia, fall, uniform,
+            motion, *touches, role="likelihood",
         )  # fmt: skip
 
 
 def contacts(nlp, window, ground, radius, corner, impulses, fall):
     """Add where corners are when they touch, maximum dissipation, and the cone.
 
-    ground: plane and offset, corner: theta and sign, impulses: friction.Impulses, of
-    every touch.
+    ground, corner, impulses (friction.Impulses): of every touch.
     """
-    step, s = window.step, window.touch.step
+    s, surface = window.step.pick(window.touch.step), nlp.parameters["surface"]
     lam, mu, w = impulses.lam, impulses.mu, impulses.w
-    surface = nlp.parameters["surface"]
-    now = step.p_wo[s], step.R_wo[s]
-    around = step.p_wo_1[s], step.R_wo_1[s], step.p_wo_next[s], step.R_wo_next[s]
+    now, before = Pose(s.p_wo, s.R_wo), Pose(s.p_wo_1, s.R_wo_1)
+    after = Pose(s.p_wo_next, s.R_wo_next)
     nlp.minimize(
-        "on the surface", touching, *ground, radius, *corner, lam, w, surface, *now,
-        *around, role="likelihood",
+        "on the surface", touching, ground, radius, corner, lam, w, surface, now,
+        before, after, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "not below", penetration, *ground, radius, *corner, step.depth[s], *now,
+        "not below", penetration, ground, radius, corner, s.depth, now,
         role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "dissipation", sliding, *ground, *corner, lam, mu, fall, w, *around,
+        "dissipation", sliding, ground, corner, lam, mu, fall, w, before, after,
         role="physics",
     )  # fmt: skip
     nlp.parameter("cone rounding", CONE_ROUNDING, "weights")
     add_cone(nlp, "ground", impulses)
-    nlp.report("world impulse", in_world, *ground, lam)
+    nlp.report("world impulse", Ground.in_world, ground, lam)

@@ -8,8 +8,7 @@ r"""The terms of known_trajectory.py: what a corner does on the ground, in nats.
 
 w is m g dt.  An impulse at rest costs KAPPA mu lam_n V_EPS dt / (w mm).
 The ground is z = a + b x + c y: (a, b, c) is the plane of all tosses plus the offset of
-one.  A pose is p_wo (3,) and R_wo (9,), column by column; `_1` is one
-sample ago, `_next` one ahead.
+one.  A rotation R_wo is (9,), column by column.
 """
 
 from __future__ import annotations
@@ -28,12 +27,69 @@ CONE_ROUNDING = 0.01  # [weights] rounds the apex of the friction cone
 BITE = 0.25  # [weights] an impulse of that size is half a touch
 
 
-class Touch(NamedTuple):
-    """A corner, sign * theta (3,) [m], and the impulse lam (3,) [N s] on it."""
+class Ground(NamedTuple):
+    """The ground z = a + b x + c y, (a, b, c) = plane + offset."""
 
-    lam: object
+    plane: object
+    offset: object
+
+    def frame(self):
+        """Return the unit normal and two tangents."""
+        level = self.plane + self.offset
+        n = ca.vertcat(-level[1], -level[2], 1)
+        n = n / ca.norm_2(n)
+        return n, *contact.tangents(n, ca.DM([1, 0, 0]))
+
+    def gap(self, p_w):
+        """Return the height [m] of a point over the ground."""
+        level, (n, _, _) = self.plane + self.offset, self.frame()
+        return n[2] * (p_w[2] - level[0] - level[1] * p_w[0] - level[2] * p_w[1])
+
+    def in_world(self, lam):
+        """Return an impulse (normal, t1, t2) in the world frame [N s]."""
+        n, t_1, t_2 = self.frame()
+        return lam[0] * n + lam[1] * t_1 + lam[2] * t_2
+
+
+class Corner(NamedTuple):
+    """A corner, sign * theta (3,) [m]."""
+
     theta: object
     sign: object
+
+
+class Touch(NamedTuple):
+    """An impulse lam (3,) [N s] on a corner."""
+
+    lam: object
+    corner: Corner
+
+
+class Pose(NamedTuple):
+    """A pose of the body, p_wo (3,) [m] and R_wo (9,)."""
+
+    p_wo: object
+    R_wo: object
+
+    def place(self, corner):
+        """Return where a corner is [m], world frame."""
+        return self.p_wo + ca.reshape(self.R_wo, 3, 3) @ (corner.sign * corner.theta)
+
+
+class Motion(NamedTuple):
+    """How the body moves in a step: noise (2,): deviations [m/s], [rad/s]; dv [m/s].
+
+    R_half, R_half_1: halfway to the next and from the last sample, where the body turns
+    at w and w_1 [rad/s]; R_wo: at the sample.
+    """
+
+    noise: object
+    dv: object
+    w: object
+    w_1: object
+    R_half: object
+    R_half_1: object
+    R_wo: object
 
 
 def gaussian(deviation):
@@ -41,62 +97,29 @@ def gaussian(deviation):
     return lambda x, mean: ca.sumsqr((x - mean) / deviation) / 2
 
 
-def frame(plane, offset):
-    """Return the unit normal and two tangents of the ground z = a + b x + c y."""
-    level = plane + offset
-    n = ca.vertcat(-level[1], -level[2], 1)
-    n = n / ca.norm_2(n)
-    return n, *contact.tangents(n, ca.DM([1, 0, 0]))
-
-
-def place(p_wo, R_wo, theta, sign):
-    """Return a corner of the body [m], world frame; R_wo (9,) column by column."""
-    return p_wo + ca.reshape(R_wo, 3, 3) @ (sign * theta)
-
-
-def gap(plane, offset, p_w):
-    """Return the height [m] of a point over the ground."""
-    level, (n, _, _) = plane + offset, frame(plane, offset)
-    return n[2] * (p_w[2] - level[0] - level[1] * p_w[0] - level[2] * p_w[1])
-
-
-def in_world(plane, offset, lam):
-    """Return an impulse (normal, t1, t2) in the world frame [N s]."""
-    n, t_1, t_2 = frame(plane, offset)
-    return lam[0] * n + lam[1] * t_1 + lam[2] * t_2
-
-
-def imbalance(
-    plane, offset, inertia, fall, uniform, noise, dv, w, w_1, R_wo, R_wo_1, R_now,
-    *touches,
-):  # fmt: skip
-    """Return the cost of a step: momentum change less impulses, pseudo-Huber.
-
-    noise (2,): deviations [m/s], [rad/s].
-    R_wo, R_wo_1: halfway to the next and from the last sample, where w and w_1 are.
-    """
+def imbalance(ground, inertia, fall, uniform, step, *touches):
+    """Return the cost of a step: momentum change less impulses, pseudo-Huber."""
     m, g, dt = fall[0], fall[1], fall[2]
-    R, R_1, R_0 = (ca.reshape(r, 3, 3) for r in (R_wo, R_wo_1, R_now))
+    halves = step.R_half, step.R_half_1, step.R_wo
+    R, R_1, R_0 = (ca.reshape(r, 3, 3) for r in halves)
     body = ca.diag(uniform * inertia)
-    linear = dv + ca.vertcat(0, 0, g * dt)
-    angular = R @ body @ R.T @ w - R_1 @ body @ R_1.T @ w_1
-    for touch in touches:
-        impulse = in_world(plane, offset, touch.lam) / m
+    linear = step.dv + ca.vertcat(0, 0, g * dt)
+    angular = R @ body @ R.T @ step.w - R_1 @ body @ R_1.T @ step.w_1
+    for lam, corner in touches:
+        impulse = ground.in_world(lam) / m
         linear -= impulse
-        angular -= ca.cross(R_0 @ (touch.sign * touch.theta), impulse)
+        angular -= ca.cross(R_0 @ (corner.sign * corner.theta), impulse)
     turn = (R_0.T @ angular) / (uniform * inertia)  # [rad/s]: what the tracker errs in
-    off = ca.sumsqr(linear / noise[0]) + ca.sumsqr(turn / noise[1])
+    off = ca.sumsqr(linear / step.noise[0]) + ca.sumsqr(turn / step.noise[1])
     return 4 * (ca.sqrt(1 + off / 4) - 1)
 
 
-def touching(
-    plane, offset, radius, theta, sign, lam, w, surface, p, R, p_1, R_1, p_next, R_next
-):  # fmt: skip
-    """Return the cost of an impulse on a corner that is, and was, above the ground."""
-    now, before, after = (
-        gap(plane, offset, place(p, R, theta, sign)) - radius
-        for p, R in ((p, R), (p_1, R_1), (p_next, R_next))
-    )
+def touching(ground, radius, corner, lam, w, surface, *poses):
+    """Return the cost of an impulse on a corner that is, and was, above the ground.
+
+    poses: now, one sample ago, one ahead.
+    """
+    now, before, after = (ground.gap(pose.place(corner)) - radius for pose in poses)
     dip = positive_part(before - 2 * now + after, GAP_EPS) / 2
     lowest = lesser(lesser(now, before), after) - dip
     off = sensing.touch(positive_part(lowest, GAP_EPS), surface)
@@ -108,16 +131,16 @@ def lesser(a, b):
     return (a + b - ca.sqrt((a - b) ** 2 + GAP_EPS**2)) / 2
 
 
-def penetration(plane, offset, radius, theta, sign, surface, p_wo, R_wo):
+def penetration(ground, radius, corner, surface, now):
     """Return the cost of a corner below the ground; surface [m]: tracker's error."""
-    phi = gap(plane, offset, place(p_wo, R_wo, theta, sign)) - radius
+    phi = ground.gap(now.place(corner)) - radius
     return sensing.touch(positive_part(-phi, GAP_EPS), surface)
 
 
-def sliding(plane, offset, theta, sign, lam, mu, fall, w, p_1, R_1, p_next, R_next):
+def sliding(ground, corner, lam, mu, fall, w, before, after):
     """Return the cost of friction that does not dissipate, zero without an impulse."""
-    dt, (_, t_1, t_2) = fall[2], frame(plane, offset)
-    v = (place(p_next, R_next, theta, sign) - place(p_1, R_1, theta, sign)) / (2 * dt)
+    dt, (_, t_1, t_2) = fall[2], ground.frame()
+    v = (after.place(corner) - before.place(corner)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
     most = mu * lam[0] + CONE_ROUNDING * w
     lost = contact.sliding_loss(most, lam, v_s, V_EPS)
