@@ -8,7 +8,7 @@ of friction and springs is least,
 
 with U' = lam and V' = f_t of finger_spring.py.  `work_slope` has the gradient of these
 terms.  N = m g + sum_f (lam_f n - f_t)_z is what presses down, with fingers that slide
-down a side (`loads_of`); c^2 = 3 I_zz / m is the square of half the diagonal of a
+down a side (`loads`); c^2 = 3 I_zz / m is the square of half the diagonal of a
 rectangular foot (`foot_squared`).  Where the servo of a finger saturates, r goes on no
 deeper than a step beyond f_max / k (`reached`).
 
@@ -25,6 +25,8 @@ that are only planned, on which fingers meet bodies and are held back.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -71,56 +73,69 @@ def foot_squared(shape, theta, R_wo):
     return 3 * (R_wo @ shape.inertia(theta) @ R_wo.T)[2, 2]
 
 
-def loads_of(shape, finger, theta, pose, s, d, fingers, known):
-    """Return N and lam_f [N] where the body is at s + d, after a step d."""
-    _, mu_f, weight, stiffness, max_force, _ = known
-    at, forces, down = moved(pose, s + d), [], weight
-    for p_wf, p_wf_1, rho in fingers:
-        phi, n, _ = contact_of(shape, finger, theta, at, p_wf, rho)
-        load = press(phi, stiffness, max_force)
-        _, u = held_back(at, d, p_wf, p_wf_1, rho, n)
-        rub = stiffness * sticking(u, mu_f * load, stiffness)
-        down += load * n[2] - rub * u[2]
-        forces.append(load)
-    return [ca.fmax(down, LIGHTEST * weight), *forces]
+@dataclass(frozen=True, eq=False)
+class Pushed:
+    """A body (shape, theta) that fingers push, from the pose where s = 0.
 
-
-def improved(shape, finger, theta, pose, s, d, fingers, known):
-    """Return a better step d (3,): one majorised Newton step."""
-    loads = loads_of(shape, finger, theta, pose, s, d, fingers, known)
-    g, H = work_slope(shape, finger, theta, pose, s, d, fingers, known, loads)
-    return d - solve_3(H, g)
-
-
-def work_slope(shape, finger, theta, pose, s, d, fingers, known, loads):
-    """Return gradient (3,) [N, N, N m] and majorised Hessian of the work by d.
-
-    The gradient is zero at the step.  pose: of the body where s = 0; fingers: (r, p,
-    rho) each; known: mu_g, mu_f, weight [N], stiffness [N/m], max_force [N], foot c^2
-    [m^2]; loads: N, lam_f, held fixed.
+    finger: as in finger.py; fingers: (r, p, rho) of each; law: mu_g, mu_f, weight [N],
+    stiffness [N/m], max_force [N], foot c^2 [m^2].
     """
-    mu_g, mu_f, _, stiffness, max_force, foot = known
-    at = moved(pose, s + d)
-    metric = ca.diag(ca.vertcat(1, 1, foot))
-    drag = mu_g * loads[0] / ca.sqrt(ca.bilin(metric, d, d) + SLIP**2)
-    g, H = drag * metric @ d, drag * metric
-    for (p_wf, p_wf_1, rho), load in zip(fingers, loads[1:], strict=True):
-        phi, n, slope = contact_of(shape, finger, theta, at, p_wf, rho)
-        g -= slope.T * press(phi, stiffness, max_force)
-        H += stiffness * positive_slope(-phi) * slope.T @ slope
-        across, u = held_back(at, d, p_wf, p_wf_1, rho, n)
-        rub = stiffness * sticking(u, mu_f * load, stiffness)
-        g -= rub * across.T @ u
-        H += rub * across.T @ across
-    return g, H
 
+    shape: object
+    finger: object
+    theta: object
+    pose: tuple
+    fingers: list
+    law: tuple
 
-def tips(shape, finger, theta, pose, s, d, fingers, known, loads):
-    """Return where every finger is after the step, p (3,) [m]."""
-    at, out = moved(pose, s + d), []
-    for (p_wf, p_wf_1, rho), load in zip(fingers, loads[1:], strict=True):
-        phi, n, _ = contact_of(shape, finger, theta, at, p_wf, rho)
-        u = held_back(at, d, p_wf, p_wf_1, rho, n)[1]
-        u *= sticking(u, known[1] * load, known[3])
-        out.append(p_wf + n * positive_part(-phi, SOFT) - u)
-    return out
+    def touched(self, s, d):
+        """Return p, gap, slope of the gap, n, across and u of each finger at s + d."""
+        at, found = moved(self.pose, s + d), []
+        for r, p, rho in self.fingers:
+            phi, n, slope = contact_of(self.shape, self.finger, self.theta, at, r, rho)
+            found.append((r, phi, slope, n, *held_back(at, d, r, p, rho, n)))
+        return found
+
+    def loads(self, s, d):
+        """Return N and lam_f [N] where the body is at s + d, after a step d."""
+        _, mu_f, weight, stiffness, max_force, _ = self.law
+        forces, down = [], weight
+        for _, phi, _, n, _, u in self.touched(s, d):
+            load = press(phi, stiffness, max_force)
+            rub = stiffness * sticking(u, mu_f * load, stiffness)
+            down += load * n[2] - rub * u[2]
+            forces.append(load)
+        return [ca.fmax(down, LIGHTEST * weight), *forces]
+
+    def improved(self, s, d):
+        """Return a better step d (3,): one majorised Newton step."""
+        g, H = self.work_slope(s, d, self.loads(s, d))
+        return d - solve_3(H, g)
+
+    def work_slope(self, s, d, loads):
+        """Return gradient (3,) [N, N, N m] and majorised Hessian of the work by d.
+
+        The gradient is zero at the step.  loads: N, lam_f, held fixed.
+        """
+        mu_g, mu_f, _, stiffness, max_force, foot = self.law
+        metric = ca.diag(ca.vertcat(1, 1, foot))
+        drag = mu_g * loads[0] / ca.sqrt(ca.bilin(metric, d, d) + SLIP**2)
+        g, H = drag * metric @ d, drag * metric
+        for load, touch in zip(loads[1:], self.touched(s, d), strict=True):
+            _, phi, slope, _, across, u = touch
+            g -= slope.T * press(phi, stiffness, max_force)
+            H += stiffness * positive_slope(-phi) * slope.T @ slope
+            rub = stiffness * sticking(u, mu_f * load, stiffness)
+            g -= rub * across.T @ u
+            H += rub * across.T @ across
+        return g, H
+
+    def tips(self, s, d, loads):
+        """Return where every finger is after the step, p (3,) [m]."""
+        _, mu_f, _, stiffness, _, _ = self.law
+        out = []
+        for load, touch in zip(loads[1:], self.touched(s, d), strict=True):
+            r, phi, _, n, _, u = touch
+            u *= sticking(u, mu_f * load, stiffness)
+            out.append(r + n * positive_part(-phi, SOFT) - u)
+        return out

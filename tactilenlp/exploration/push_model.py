@@ -52,19 +52,19 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     sensors, sloped = sym("sensors", 3), sym("sloped")
     d, s, M = sym("d", 3), sym("s", 3), sym("M", 3, k)
     P = sym("P", 3, 3)
-    body, laws = (shape, SPHERE, theta, pose), ca.vertsplit(known)
+    laws = ca.vertsplit(known)
     foot = pushing.foot_squared(shape, theta, pose[1])
     here = shape, SPHERE, theta, pushing.moved(pose, s)
     meant = _commanded(here, p, goal_1, goal, rho, laws)
 
     tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
-    rest, given = (tips, [*laws, foot]), [d, s, z, p, r, rho, known]
-    better = pushing.improved(*body, s, d, *rest)
-    better = ca.Function("improved", given, [better], {"cse": True})
+    body = pushing.Pushed(shape, SPHERE, theta, pose, tips, (*laws, foot))
+    given = [d, s, z, p, r, rho, known]
+    better = ca.Function("improved", given, [body.improved(s, d)], {"cse": True})
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
     for _ in range(PUSH_ITERATIONS):
         step = better(step, *at)
-    D_s, D_z, D_r, p_now = _step_slopes(body, s, d, rest, given)(step, *at)
+    D_s, D_z, D_r, p_now = _step_slopes(body, s, d, given)(step, *at)
     D_z = ca.horzcat(D_z, D_r) if off else D_z
     now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
@@ -123,16 +123,16 @@ def _triples(column) -> list:
     return ca.vertsplit(column, 3)
 
 
-def _step_slopes(body, s, d, rest, given) -> ca.Function:
+def _step_slopes(body, s, d, given) -> ca.Function:
     """Return the derivatives of the step d by s, z and the fingers, and the fingers.
 
     By the implicit function theorem.
     """
-    loads = pushing.loads_of(*body, s, d, *rest)
-    pull, _ = pushing.work_slope(*body, s, d, *rest, loads)
+    loads = body.loads(s, d)
+    pull, _ = body.work_slope(s, d, loads)
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
-    out.append(ca.vertcat(*pushing.tips(*body, s, d, *rest, loads)))
+    out.append(ca.vertcat(*body.tips(s, d, loads)))
     return ca.Function("slopes", given, out, {"cse": True})
 
 
