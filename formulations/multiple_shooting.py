@@ -16,8 +16,9 @@ import casadi as ca
 from .friction import friction
 from .level import Level
 from .names import FINGER_FRICTION, FINGER_IMPULSE, GIVES, GROUND_FRICTION
-from .rigid_body import G, momentum_change, uniform
+from .rigid_body import G, momentum_change, steps_of, uniform
 from .sliding_contact import Pusher
+from .sliding_contact import push as push_of
 from .time_stepping import STEP_V_EPS, Sliding
 from .violation_implicit import felt
 
@@ -64,20 +65,17 @@ def reports(nlp, window, scene, shape, body, theta, x, mu):
     """Name the impulses of fingers, and of all contacts together."""
     step, push, v_eps = window.step, window.push, nlp.parameters["speed rounding"]
 
-    def pushed(theta, x, x_1, dt, mu, v_eps, pusher):
-        w = scene.mass * G * dt
-        return body.push(theta, x, x_1, dt, w, mu, v_eps, pusher)[1]
+    def pushed(step, mu, v_eps, pusher):
+        return push_of(body, step, mu, v_eps, pusher)[1]
 
     def whole(theta, x, x_1, x_2, dt):
         poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
         linear, _ = momentum_change(uniform(shape, theta), poses, dt)
         return scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
 
-    s = push.step
-    nlp.report(
-        FINGER_IMPULSE, pushed, theta, x[:, step.pose[s]], x[:, step.before[s]],
-        step.dt[s], mu, v_eps, Pusher(push.p_wf, push.p_wf_1, push.radius),
-    )  # fmt: skip
+    now = steps_of(step, theta, x, scene.mass * G * step.dt[push.step], push.step)
+    finger = Pusher(push.p_wf, push.p_wf_1, push.radius)
+    nlp.report(FINGER_IMPULSE, pushed, now, mu, v_eps, finger)
     nlp.report(
         "impulse", whole, theta, x[:, step.pose], x[:, step.before],
         x[:, step.before_2], step.dt,

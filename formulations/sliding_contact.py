@@ -35,38 +35,38 @@ class Pusher(NamedTuple):
     rho: object
 
 
-def push(shape, finger, theta, pose, pose_1, dt, w, mu, s, pusher):
+def push(body, step, mu, s, pusher):
     """Return where a finger touches (3,) [m], and its impulse on the body (3,) [N s].
 
-    pose, pose_1: of the body at the end and the begin of the step of weight w [N s];
-    mu: friction; s [m/s]; pusher: a Pusher.
+    body: time_stepping.Sliding; step: rigid_body.Step; mu: friction; s [m/s]; pusher:
+    a Pusher.
     """
-    (p, R), (p_1, R_1), (p_wf, p_wf_1, rho) = pose, pose_1, pusher
-    phi = finger.gap(shape, theta, pose, p_wf, rho)
-    p_w, n = finger.touch(shape, theta, pose, p_wf, rho)
-    lam_n = w * positive_part(-phi / (s * dt), LOAD_ROUNDING)
+    (p, R), (p_1, R_1) = (body.pose(step.theta, x) for x in (step.x, step.x_1))
+    at = body.shape, step.theta, (p, R), pusher.p_wf, pusher.rho
+    phi, (p_w, n) = body.finger.gap(*at), body.finger.touch(*at)
+    lam_n = step.w * positive_part(-phi / (s * step.dt), LOAD_ROUNDING)
     body_before = p_1 + R_1 @ (R.T @ (p_w - p))
-    v = (finger.before(p_w, p_wf, p_wf_1) - body_before) / dt
+    v = (body.finger.before(p_w, pusher.p_wf, pusher.p_wf_1) - body_before) / step.dt
     return p_w, -lam_n * n + coulomb(mu * lam_n, v - n * ca.dot(v, n), s)
 
 
-def drag(shape, theta, pose, pose_1, dt, w, mu, s, force, moment):
+def drag(body, step, mu, s, force, moment):
     """Return friction of the ground (2,) [N s], its moment about z [N s m].
 
     force, moment (3,): what the ground has to bear, of which z, roll and pitch say how
     the corners share the load.
     """
-    (p, R), (p_1, R_1) = pose, pose_1
-    corners = [shape.corner(theta, ca.DM(c)) for c in shape.corners]
+    (p, R), (p_1, R_1) = (body.pose(step.theta, x) for x in (step.x, step.x_1))
+    corners = [body.shape.corner(step.theta, ca.DM(c)) for c in body.shape.corners]
     arms = [R @ c for c in corners]
-    ways = [(p + R @ c - p_1 - R_1 @ c) / dt for c in corners]
+    ways = [(p + R @ c - p_1 - R_1 @ c) / step.dt for c in corners]
     each = [coulomb(mu, v[:2], s) for v in ways]
     bases = [ca.horzcat(1, r[0] / ARM, r[1] / ARM) for r in arms]
     load = ca.vertcat(force[2], moment[0] / ARM, moment[1] / ARM)
     abc = ca.inv_minor(bearing(bases, arms, each)) @ load
     total, turning = ca.SX.zeros(2), 0
     for b, r, f in zip(bases, arms, each, strict=True):
-        N = positive_part(b @ abc, PULL_ROUNDING * w)
+        N = positive_part(b @ abc, PULL_ROUNDING * step.w)
         total += N * f
         turning += N * (r[0] * f[1] - r[1] * f[0])
     return total, turning

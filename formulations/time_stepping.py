@@ -27,7 +27,7 @@ import casadi as ca
 
 from .finger import Finger, frozen
 from .implicit import are_noted, root
-from .rigid_body import ARM, PLANAR, G, momentum_change, uniform
+from .rigid_body import ARM, PLANAR, G, Step, momentum_change, uniform
 from .shape import Shape
 from .sliding_contact import Pusher, drag, push
 
@@ -79,28 +79,22 @@ class Sliding:
 
     def imbalance(self, x, s, theta, x_1, x_2, dt, mu, mu_g, *fingers):
         """Return F: change of momentum less impulses in x, y, yaw (3,) [weights]."""
-        w = self.mass * G * dt
-        body, poses = uniform(self.shape, theta), (x, x_1, x_2)
-        poses = now, before, _ = [self.pose(theta, c) for c in poses]
-        linear, angular = momentum_change(body, poses, dt)
+        step = Step(theta, x, x_1, dt, self.mass * G * dt)
+        poses = [self.pose(theta, c) for c in (x, x_1, x_2)]
+        linear, angular = momentum_change(uniform(self.shape, theta), poses, dt)
         force = self.mass * (linear + ca.vertcat(0, 0, self.gravity * dt))
         moment = self.mass * angular
         for f in fingers:
-            p_w, impulse = self.push(theta, x, x_1, dt, w, mu, s, f)
+            p_w, impulse = push(self, step, mu, s, f)
             force -= impulse
-            moment -= ca.cross(p_w - now[0], impulse)
-        at = self.shape, theta, now, before, dt
-        f, m = drag(*at, w, mu_g, s, force, moment)
-        return ca.vertcat(force[0] - f[0], force[1] - f[1], (moment[2] - m) / ARM) / w
+            moment -= ca.cross(p_w - poses[0][0], impulse)
+        f, m = drag(self, step, mu_g, s, force, moment)
+        off = ca.vertcat(force[0] - f[0], force[1] - f[1], (moment[2] - m) / ARM)
+        return off / step.w
 
     def pose(self, theta, x):
         """Return p_wo (3,) [m] and R_wo (3, 3)."""
         return PLANAR.pose(self.shape, theta, x)
-
-    def push(self, theta, x, x_1, dt, w, mu, s, pusher):
-        """Return where a finger touches [m], and its impulse on the body [N s]."""
-        at = self.shape, self.finger, theta, self.pose(theta, x), self.pose(theta, x_1)
-        return push(*at, dt, w, mu, s, pusher)
 
 
 @cache
