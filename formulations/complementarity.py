@@ -6,7 +6,7 @@ r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
          lam_n (phi + depth)           <= eps           complementarity
          lam_n v_n                     <= eps           inelasticity
          mu lam_n |v_s| + v_s . lam_t  <= eps           maximum dissipation
-         (mu lam_n)^2 - |lam_t|^2      >= -APEX^2       friction cone
+         (mu lam_n)^2 - |lam_t|^2      >= -APEX_ROUNDING^2      friction cone
     over theta, x_k, lam_k, depth
 
 The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls by levels to
@@ -14,7 +14,7 @@ EPS.  Eq:loss, priors and impulses are those of violation_implicit.py, where the
 products are penalties.  In planar motion phi = 0 of the ground holds by construction.
 
 Departures:
-  |v_s|   is rounded from below by V_EPS: sqrt(v^2 + V_EPS^2) - V_EPS
+  |v_s|   is rounded from below by V = SPEED_ROUNDING: sqrt(v^2 + V^2) - V
   noise   of finger positions relaxes no constraint
 """
 
@@ -30,7 +30,7 @@ from .friction import Impulses, cone_violation, friction, impulses, least
 from .ground_contact import Corner
 from .level import Level
 from .rigid_body import ARM, G, steps_of
-from .violation_implicit import WEIGHTS, contacts_of, felt
+from .violation_implicit import APEX_ROUNDING, SPEED_ROUNDING, contacts_of, felt
 
 # Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
@@ -44,8 +44,6 @@ LEVELS = (
 )  # fmt: skip
 SLACK = 1e-4  # [weights] residual of a balance at the last level
 EPS = 1e-3  # [weights mm] of every relaxed product at the last level
-V_EPS = WEIGHTS["speed rounding"][0]  # [m/s] rounds the sliding speed
-APEX = WEIGHTS["cone rounding"][0]  # [weights] rounds the apex of the cone
 
 
 def build(nlp, window, scene, shape):
@@ -63,11 +61,11 @@ def build(nlp, window, scene, shape):
 
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
-    sliding(nlp, "finger", fingers.velocity, now, at, pushes.mu, eps)
+    sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes.mu, eps)
     separation(nlp, fingers, now, at, eps)
     now = steps_of(step, theta, x, corners.w, corner.step)
     at = Corner(None, corners.lam, corner.signs)
-    sliding(nlp, "ground", ground.velocity, now, at, corners.mu, eps)
+    sliding(nlp, names.GROUND, ground.velocity, now, at, corners.mu, eps)
     finger_contact.report(nlp, window, fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
 
@@ -76,8 +74,9 @@ def impulses_of(nlp, window, scene, shape, w):
     """Declare the friction.Impulses of fingers and of the ground."""
     w_f, w_g = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
-    lam = impulses(nlp, "finger", w_f, size, size / 10)
-    lam_g = impulses(nlp, "ground", w_g, size, w_g / max(1, len(shape.corners)))
+    lam = impulses(nlp, names.FINGER, w_f, size, size / 10)
+    share = w_g / max(1, len(shape.corners))
+    lam_g = impulses(nlp, names.GROUND, w_g, size, share)
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
     return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
@@ -113,11 +112,12 @@ def sliding(nlp, name, velocity, now, at, mu, eps):
     def dissipation(now, at, mu, eps):
         _, v_s = velocity(now, at)
         most = mu * at.lam[0]
-        loss = contact.sliding_loss(most, at.lam, v_s, V_EPS) - most * V_EPS
+        loss = contact.sliding_loss(most, at.lam, v_s, SPEED_ROUNDING)
+        loss -= most * SPEED_ROUNDING
         return loss * now.dt / (now.w * MM) - eps
 
     def cone(lam, mu, w):
-        return contact.cone_squared(mu, lam / w) + APEX**2
+        return contact.cone_squared(mu, lam / w) + APEX_ROUNDING**2
 
     nlp.subject_to(f"{name} dissipation", dissipation, now, at, mu, eps, upper=0)
     nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from .names import INDENTATION
+from .names import DEPTH_OF_TOUCH, INDENTATION
 from .rigid_body import G
 
 NAME = "compliance"  # of the unknown, in a page that has it
@@ -88,7 +88,7 @@ def declare(nlp, window, scene, pushes):
 
     pushes: friction.Impulses of the fingers, None on a page without impulses.
     """
-    d = nlp.variable("depth", 1, guess=0.0, unit="m", scale=DEPTH)
+    d = nlp.variable(DEPTH_OF_TOUCH, 1, guess=0.0, unit="m", scale=DEPTH)
     if pushes is None or not window.compliant:
         return Rigid(d)
     if scene.compliance is None:
@@ -103,7 +103,7 @@ def declare(nlp, window, scene, pushes):
 
 def of_pushes(nlp, pushes, rows):
     """Return the indentation of the fingers that push by some rows of pushes."""
-    d = nlp.variables["depth"]
+    d = nlp.variables[DEPTH_OF_TOUCH]
     c = (nlp.variables | nlp.parameters).get(NAME)
     if c is None:
         return Rigid(d)

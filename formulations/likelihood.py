@@ -21,7 +21,7 @@ import casadi as ca
 
 from . import sensing
 from .finger_contact import FingerContact, sensed
-from .names import FREE_TERM, TOUCH_TERM
+from .names import FREE_TERM, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 LENGTH, OTHER = 1e-3, 1e-2  # [m], [unit] typical change of an entry of theta
 ALPHA = 1500.0  # [1/m] steepness of eq:bool
@@ -60,8 +60,8 @@ def add(nlp, window, shape, theta, x, touch, normal, indentation):
     finger = window.finger
     fingers = FingerContact(shape, window.motion, finger)
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
-    touch_scale = nlp.parameter("touch scale", ca.hypot(touch, sigma_p), "m")
-    normal_scale = nlp.parameter("normal scale", ca.hypot(normal, sigma_n), "rad")
+    touch_scale = nlp.parameter(TOUCH_SCALE, ca.hypot(touch, sigma_p), "m")
+    normal_scale = nlp.parameter(NORMAL_SCALE, ca.hypot(normal, sigma_n), "rad")
     alpha = nlp.parameter("alpha", steepness(sigma_p), "1/m")
 
     def touching(theta, x, inside, at, n_m, latency, sigma, sigma_n):

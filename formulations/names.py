@@ -4,6 +4,9 @@ A page of one's own whose terms have these names is judged likewise: its touches
 noise they are expected to have, its impulses as those of the estimate.
 """
 
+FINGER, GROUND = "finger", "ground"  # unknowns: the impulses (normal, t1, t2) [N s]
+DEPTH_OF_TOUCH = "depth"  # unknown, [m] that all felt fingers sit in the surface
+TOUCH_SCALE, NORMAL_SCALE = "touch scale", "normal scale"  # parameters, [m], [rad]
 TOUCH_TERM = "touch"  # cost of the touches of felt fingers (eq:loss)
 FREE_TERM = "free"  # cost of fingers that feel nothing (eq:loss)
 FINGER_IMPULSE = "finger impulse"  # report, (3,) [N s] on the object

@@ -49,7 +49,7 @@ from .finger_turn import turned
 from .friction import Impulses, add_cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
-from .names import FINGER_FRICTION, GROUND_FRICTION
+from .names import FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
 from .quasi_static import sense as sense_quasi_static
 from .rigid_body import G
 
@@ -74,12 +74,10 @@ ROUGH = (  # from guessed poses, which are centimetres off where the object tumb
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 NORMAL = 0.010  # [rad] model error of a normal, likewise
 COASTING = partial(sense_quasi_static, coasts=True)  # poses tell the object's speed
-WEIGHTS = {  # parameters, each with its unit
-    "kappa": (5.0, "nats/mm"),  # for an energy that lifts the object by 1 mm
-    "speed rounding": (3e-3, "m/s"),  # v_eps, of |v_s|: 0.1 mm in a step of 1/30 s
-    "balance sigma": (0.03, "weights"),  # deviation of a step from balance
-    "cone rounding": (0.003, "weights"),  # rounds the apex of the friction cone
-}
+WORK_COST = 5.0  # [nats/mm] kappa, for an energy that lifts the object by 1 mm
+SPEED_ROUNDING = 3e-3  # [m/s] v_eps, of |v_s|: 0.1 mm in a step of 1/30 s
+BALANCE_SIGMA = 0.03  # [weights] deviation of a step from balance
+APEX_ROUNDING = 0.003  # [weights] rounds the apex of the friction cone
 
 
 def build(nlp, window, scene, shape, law=Balance):
@@ -109,21 +107,23 @@ def felt(nlp, window, scene, shape, pushes=None, sense=COASTING):
 
 
 def impulses_of(nlp, window, scene, shape, share=None):
-    """Declare WEIGHTS, and impulses and friction of fingers and of the ground.
+    """Declare weights, and impulses and friction of fingers and of the ground.
 
     share: of the weight, that each ground contact carries at the start; by default all
     corners carry the same.  Returns w = m g dt of the steps [N s], and the
     friction.Impulses of fingers and ground.
     """
-    for name, (value, unit) in WEIGHTS.items():
-        nlp.parameter(name, value, unit)
+    nlp.parameter("kappa", WORK_COST, "nats/mm")
+    nlp.parameter("speed rounding", SPEED_ROUNDING, "m/s")
+    nlp.parameter("balance sigma", BALANCE_SIGMA, "weights")
+    nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
     w = scene.mass * G * window.step.dt
     w_f, w_g = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
     share = 1 / max(1, len(shape.corners)) if share is None else share
     slips = window.frictionless
-    lam = impulses(nlp, "finger", w_f, size, frictionless=slips)
-    lam_g = impulses(nlp, "ground", w_g, size, w_g * share, frictionless=slips)
+    lam = impulses(nlp, FINGER, w_f, size, frictionless=slips)
+    lam_g = impulses(nlp, GROUND, w_g, size, w_g * share, frictionless=slips)
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground if len(w_g) else 0)
     return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
@@ -146,5 +146,5 @@ def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None
     if len(window.unseen):
         finger_contact.unseen(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
-    add_cone(nlp, "finger", pushes)
-    add_cone(nlp, "ground", corners)
+    add_cone(nlp, FINGER, pushes)
+    add_cone(nlp, GROUND, corners)

@@ -169,7 +169,7 @@ def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
     still, holds = shared_poses(solve_estimate(*given, **told))
     assert holds
     assert still > data.samples / 4
-    monkeypatch.setattr(static_friction, "WEIGHTS", {"kappa": (0.01, "nats/mm")})
+    monkeypatch.setattr(static_friction, "WORK_COST", 0.01)
     sliding, _ = shared_poses(solve_estimate(*given, **told))
     assert sliding < still  # what friction does not hold has poses of its own
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from formulations.names import BALL, GIVES, GROUND_GAP
-from formulations.violation_implicit import WEIGHTS
+from formulations.violation_implicit import BALANCE_SIGMA
 
 from ..geometry.convex_hull import SIGMA_INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
@@ -20,7 +20,6 @@ from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 from .measurement_noise import KNOWN_FACE
 from .sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 
-BALANCE = WEIGHTS["balance sigma"][0]  # [weights] that may be missing in a step
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
 UNTOUCHED_FACTOR = 2.0  # [position noise] of a face that only physics determines
@@ -43,7 +42,7 @@ def curvature_of_costs(kkt: KKTSystem, by_gradient, names) -> np.ndarray:
 
 
 def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
-    """Return the covariance (k, k) by impulses of BALANCE missing in hard balances.
+    """Return the covariance (k, k) if hard balances miss impulses of BALANCE_SIGMA.
 
     A page reports how such a constraint moves by one weight, "<its name>, gives".
     """
@@ -55,7 +54,7 @@ def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
         gives = problem.value(name + GIVES, kkt.x, kkt.data).reshape(n, -1, m)
         rows = by_constraint[term.span].reshape(n, m, -1)
         moved = (gives @ rows).reshape(-1, len(total))
-        total += BALANCE**2 * moved.T @ moved
+        total += BALANCE_SIGMA**2 * moved.T @ moved
     return total
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from formulations.names import FREE_TERM
+from formulations.names import FINGER, FREE_TERM, GROUND
 
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .reductions import Reductions
@@ -99,9 +99,9 @@ def absent(whole) -> Skipped | None:
 
     The gradient by the impulses that were left out shows no descent.
     """
-    if "finger" not in whole.problem.variables or not len(whole.unfelt):
+    if FINGER not in whole.problem.variables or not len(whole.unfelt):
         return None
-    variable = whole.problem.variables["finger"]
+    variable = whole.problem.variables[FINGER]
     normal = whole.slope[variable.span].reshape(variable.columns, -1)[whole.unfelt, 0]
     gain = float(max(0.0, (-normal * variable.scale[0]).max()))
     return Skipped(
@@ -129,7 +129,7 @@ def still(solved, value) -> Skipped:
 def frictionless(solved) -> Skipped | None:
     """Certify dropped tangential impulses: without friction there are none."""
     window = solved.window
-    of = {"finger": window.push, "ground": window.corner}
+    of = {FINGER: window.push, GROUND: window.corner}
     count = sum(2 * len(of[name]) for name in window.frictionless)
     if not count:
         return None

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from formulations.finger_turn import NAME as TURN
-from formulations.names import INDENTATION, TOUCH_TERM
+from formulations.names import INDENTATION, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 from ..errors import MotionError
 from ..geometry.transforms import turned_back
@@ -80,8 +80,8 @@ def unexplained_by_action(job, solved) -> list[Evidence]:
     problem = replace(job, page=page).build(window)
     known = {name: values[name] for name in problem.variables if name in values}
     scale = {
-        "touch scale": np.hypot(GAP_ERROR, window.sigma_position),
-        "normal scale": np.hypot(NORMAL_ERROR, window.sigma_normal),
+        TOUCH_SCALE: np.hypot(GAP_ERROR, window.sigma_position),
+        NORMAL_SCALE: np.hypot(NORMAL_ERROR, window.sigma_normal),
     }
     wrong = unexplained(problem, window, problem.pack(known), problem.data(scale))
     action = job.data.action[window.touch.sample]

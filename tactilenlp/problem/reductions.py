@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from formulations.names import FINGER, GROUND
 from formulations.page_contract import contract_of
 from formulations.rigid_body import ARM, FREE, PLANAR
 
@@ -179,7 +180,7 @@ def guess_moves(x) -> np.ndarray:
 
 def frictionless_contacts(scene) -> tuple[str, ...]:
     """Return the contacts whose friction is known to be zero."""
-    of = {"finger": scene.friction_finger, "ground": scene.friction_ground}
+    of = {FINGER: scene.friction_finger, GROUND: scene.friction_ground}
     return tuple(name for name, mu in of.items() if mu == 0)
 
 

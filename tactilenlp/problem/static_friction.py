@@ -18,7 +18,7 @@ import numpy as np
 
 from formulations.names import GROUND_FRICTION
 from formulations.rigid_body import ARM, LEAST_ARM
-from formulations.violation_implicit import WEIGHTS
+from formulations.violation_implicit import WORK_COST
 
 from ..geometry.transforms import is_planar, turning
 from .reductions import friction_of
@@ -120,7 +120,7 @@ def _static_friction(scene, solution) -> float:
     It is that of violation_implicit whatever page was solved, also one without
     dissipation; the page's own weight `kappa` and coefficient come first.
     """
-    known = {"kappa": WEIGHTS["kappa"][0], GROUND_FRICTION: friction_of(scene)}
+    known = {"kappa": WORK_COST, GROUND_FRICTION: friction_of(scene)}
     known |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", GROUND_FRICTION))
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)

@@ -13,6 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
+from formulations.names import FINGER, GROUND
+
 from ..nlp.kkt import gradient
 from ..nlp.problem import Problem
 from .polytope_window import window_of
@@ -73,8 +75,8 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
     window, solution = solved.window, solved.solution
     came_from = {
         "x": window.pose[again.last],
-        "finger": rows_of(samples_of(window.push), samples_of(again.push)),
-        "ground": rows_of(corners_of(window), corners_of(again)),
+        FINGER: rows_of(samples_of(window.push), samples_of(again.push)),
+        GROUND: rows_of(corners_of(window), corners_of(again)),
     }
     values, bounds, multipliers = {}, {}, {}
     for name, v in problem.variables.items():
