@@ -15,8 +15,6 @@ its surface as it rolls (`support`), so that its poses have six unknowns each.
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt
-
 import casadi as ca
 
 from .shape import (
@@ -26,6 +24,7 @@ from .shape import (
     cuboid_rest_height,
     every_size,
 )
+from .shape_check import directions
 
 NEWTON_STEPS = 6  # 10 mm outside, to 0.01 um for axes of a ratio up to 1:20
 POINTS = 642  # of the mesh: facets cut off 1 % of the volume
@@ -74,16 +73,9 @@ def ellipsoid_reach(theta):
     return float(ca.mmax(ca.DM(theta))) / 2
 
 
-def ellipsoid_mesh(theta) -> list:
+def ellipsoid_mesh(theta):
     """Return POINTS evenly spread unit vectors, each times the half axes (3,) [m]."""
-    half = [float(t) / 2 for t in ca.vertsplit(ca.DM(theta))]
-    points = []
-    for i in range(POINTS):  # a spherical Fibonacci lattice
-        z = 1 - (2 * i + 1) / POINTS
-        turn, across = pi * (1 + sqrt(5)) * i, sqrt(1 - z * z)
-        unit = across * cos(turn), across * sin(turn), z
-        points.append(tuple(h * u for h, u in zip(half, unit, strict=True)))
-    return points
+    return (ca.diag(ca.DM(theta) / 2) @ directions(POINTS)).T
 
 
 ELLIPSOID = Shape(
