@@ -1,12 +1,13 @@
 r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
 
     min  sum_t L_t(theta, x_t)                          eq:loss, as in quasi_static.py
+       + sum LEAST |lam / w|^2                          least impulse, friction.py
     s.t. |unbalanced impulse, in weights| <= slack      x_{k+1} = f(x, lam, r)
          phi + depth >= 0,  lam_n >= 0
          lam_n (phi + depth)           <= eps           complementarity
          lam_n v_n                     <= eps           inelasticity
          mu lam_n |v_s| + v_s . lam_t  <= eps           maximum dissipation
-         (mu lam_n)^2 - |lam_t|^2      >= -APEX_ROUNDING^2      friction cone
+         (mu lam_n)^2 - |lam_t|^2      >= -(r w)^2      friction cone, r = APEX_ROUNDING
     over theta, x_k, lam_k, depth
 
 The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls by levels to

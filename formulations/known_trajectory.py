@@ -4,6 +4,7 @@ r"""Shape, friction and ground from motion alone: eq:vimp with every pose given.
        + sum_kj lam_n/(lam_n + BITE w) touch(max(phi_kj, 0))  an impulse is at phi = 0
        + sum_kj touch(max(-phi_kj, 0))                        no corner below the ground
        + sum_kj sliding(lam_kj, v_s)                          maximum dissipation, nats
+       + sum_kj LEAST |lam_kj / w|^2                          least impulse, friction.py
        + ((y - mean) / deviation)^2 / 2                       priors, y = theta, radius,
                                                               inertia, plane, offset
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n

@@ -3,6 +3,7 @@ r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
     min  sum_t L_t(theta, x_t)                     eq:loss and priors (quasi_static.py)
        + sum_k |x_{k+1} - f(x_k, lam_k, r_k)|^2    balance of every step (balance.py)
        + sum   g(x_k, lam_k, r_k)                  finger_contact.py, ground_contact.py
+       + sum   LEAST |lam / w|^2                   least impulse (friction.py)
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n          friction.py
          height of every corner >= 0               ground_contact.py
     over theta, x_k, lam_k, indentation, centre of mass    indentation.py,
@@ -33,8 +34,7 @@ Departures from the printed equations:
                            complementarity of its gap, non-penetration; as hard as
                            before and after, unless data say else
   rest                     an action starts at rest: all low corners on the ground
-  least impulse            makes unique what contact leaves open (four corners share a
-                           load)
+  least impulse            makes unique how four corners share a load
 """
 
 from __future__ import annotations
