@@ -292,3 +292,10 @@ def test_mesh_lies_on_the_ground_and_has_the_estimated_size(estimate):
     mesh = estimate.mesh(sample=0)
     assert abs(mesh.bounds[0, 2]) < 1e-6
     assert mesh.volume == pytest.approx(np.prod(estimate.side_lengths), rel=1e-9)
+
+
+def test_an_estimate_names_its_solver_and_how_far_it_is_from_an_optimum(estimate):
+    assert estimate.solver in ("interior_point", "ipopt")
+    # Of a solve to 1e-6, in nats over the typical change of each unknown.
+    assert 0 <= estimate.stationarity < 1e-4
+    assert 0 <= estimate.complementarity < 1e-4
