@@ -1,6 +1,6 @@
 """A pendulum, a fit and a cone, solved by a machine that knows none of them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -226,6 +226,15 @@ def test_a_start_may_be_a_solution_of_the_same_problem():
     again = solve(problem, SolverOptions(barrier=1e-7), start=known)
     assert again.success
     assert again.iterations <= 3 < known.iterations
+
+
+def test_solves_with_other_options_have_a_solver_of_their_own():
+    solvers, options = Solvers(cone([1.0, 3.0, 4.0])), SolverOptions(iterations=1)
+    changed = {"iterations": 2}, {"barrier": 1e-3}, {"push": 1e-2}, {"tolerance": 1e-3}
+    first = solvers.kept(options)
+    assert solvers.kept(replace(options)) is first
+    others = {solvers.kept(replace(options, **change)) for change in changed}
+    assert len({first, *others}) == 5
 
 
 def test_options_of_a_solve_hold_for_every_level_of_a_continuation():

@@ -43,8 +43,8 @@ class Solvers:
         options.deadline.check()
         left = max(MIN_SOLVE_TIME, options.deadline.left)
         options = replace(options, time_limit=min(options.time_limit, left))
-        key = (*sorted(options.ipopt.items()), options.tolerance, options.time_limit)
-        key += (eliminate, warm)
+        named = options.named(warm).items()
+        key = (*sorted(options.ipopt.items()), *named, options.push, eliminate, warm)
         if key not in self.by_options:
             self.by_options[key] = make_solver(programme, options, warm, kkt)
         return self.by_options[key]
