@@ -76,6 +76,9 @@ def test_what_is_known_at_once_is_a_whole_estimate_with_the_sigma_of_the_prior(
     known = estimate.information.sigma("position")
     assert known[:2].min() > 0.0999  # [m] around the touch
     assert "no time to compute sigma" in estimate.summary()
+    assert estimate.fit.verdict == "bad"  # what is the prior's is not multiplied
+    assert estimate.fit.widening == 1.0
+    assert "multiplied" not in estimate.summary()
     estimate.save(tmp_path / "late.npz")
     again = Estimate.load(tmp_path / "late.npz")
     assert again.status == estimate.status

@@ -161,9 +161,11 @@ class Fit:
         words += "".join(off)
         if self.verdict == "good" or not self.touches:
             return f"{words}."
-        worst, by = self.touches[0], f"multiplied by {self.widening:.1f}"
+        worst, factor = self.touches[0], f"{self.widening:.1f}"
         words += f"; touches of finger {worst.finger} in action {worst.action} cost "
-        words += f"{_in_words(worst.misfit)}.  Standard deviations are {by}"
+        words += _in_words(worst.misfit)
+        if self.widening > 1:
+            words += f".  Standard deviations are multiplied by {factor}"
         no = ", and the estimate is not to be trusted" if self.verdict == "bad" else ""
         return f"{words}{no}."
 

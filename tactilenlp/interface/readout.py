@@ -63,7 +63,9 @@ def read_off(
     fit = with_doubts(fit, solved.skipped)
     if solution.success:
         fit = with_suspicion(fit, job, request.data)
-    if fit is not None and NOT_COMPUTED not in information.unobserved:
+    if fit is not None:
+        if NOT_COMPUTED in information.unobserved:  # sigma is that of the prior
+            fit = replace(fit, widening=1.0)
         information = information.widened(fit.widening)
     return Estimate(
         measurements=request.data,
