@@ -118,6 +118,24 @@ def test_it_shows_the_largest_error_of_each_quantity(page, estimate, tmp_path):
     assert shown == [name for name in rows if not name.startswith("largest error")]
 
 
+def test_each_of_seven_fingers_has_its_colour_impulse_and_room(estimate, tmp_path):
+    data, (first, second) = estimate.measurements, ("finger 0", "finger 1")
+    fingers = np.arange(7) % 2
+    names = ("finger_position", "contact", "normal", "valid")
+    many = {name: getattr(data, name)[:, fingers] for name in names}
+    data = replace(data, finger_radius=data.finger_radius[fingers], **many)
+    pushes = [estimate.impulses[(first, second)[f]] for f in fingers]
+    pushes = {f"finger {f}": (1 + f) * push for f, push in enumerate(pushes)}
+    path = tmp_path / "report.html"
+    replace(estimate, measurements=data, impulses=pushes).report(path)
+    shown = content(path)["finger"]
+    assert len({tuple(finger["colour"]) for finger in shown}) == 7
+    for finger, push in zip(shown, pushes.values(), strict=True):
+        np.testing.assert_allclose(finger["impulse"], push, atol=1e-5)
+    height = re.search(r'id="touch"[^>]*height: (\d+)px', browse(path))
+    assert int(height[1]) > 7 * 62  # pixels of a chart beside its words
+
+
 def test_touched_points_lie_on_the_surface(page, estimate):
     points = np.array([touch["point"] for touch in content(page)["touches"]])
     beyond = (abs(points) - estimate.side_lengths / 2).max(axis=1)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-# The colour-blind can distinguish these (Okabe and Ito, "Color Universal Design").
-FINGER_RGB = ((0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66))
+# The colour-blind can distinguish these (Okabe and Ito, "Color Universal Design", then
+# Tol, "Colour Schemes", 2021: muted).
+FINGER_RGB = (
+    (0, 158, 115), (204, 121, 167), (230, 159, 0), (240, 228, 66),
+    (51, 34, 136), (136, 34, 85), (136, 204, 238), (153, 153, 51),
+)  # fmt: skip
 # Information runs from blue (none) to red (much), as in the paper's first figure.
 BLUE, PALE, RED = (0, 114, 178), (240, 228, 200), (213, 60, 0)
 UNKNOWN_SIGMA, WELL_KNOWN_SIGMA = 10e-3, 0.1e-3  # [m] of pure blue, of pure red
