@@ -8,7 +8,6 @@ import pytest
 
 from tactilenlp import Problem, observed_information
 from tactilenlp.errors import OptionError, TactileError
-from tactilenlp.information.information import reduced_covariance
 from tactilenlp.information.tangent_space import unobserved
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.options import SolverOptions
@@ -60,7 +59,7 @@ def active(problem, solution) -> int:
 def test_covariance_of_a_line_is_that_of_least_squares(samples):
     t, y = samples
     solved = fit(y, t)
-    C = reduced_covariance(*solved, np.array([0, 1]))
+    C = kkt_system_of(*solved).marginal(np.array([0, 1]))
     assert np.allclose(C, least_squares_covariance(t), rtol=1e-6)
     assert active(*solved) == 0
 
@@ -68,7 +67,7 @@ def test_covariance_of_a_line_is_that_of_least_squares(samples):
 def test_states_that_constraints_tie_to_the_line_are_marginalised_away(samples):
     t, y = samples
     solved = fit(y, t, past=True)
-    C = reduced_covariance(*solved, np.array([0, 1]))
+    C = kkt_system_of(*solved).marginal(np.array([0, 1]))
     assert np.allclose(C, least_squares_covariance(t), rtol=1e-6)
     assert active(*solved) == len(t)
 
@@ -76,7 +75,7 @@ def test_states_that_constraints_tie_to_the_line_are_marginalised_away(samples):
 def test_an_active_bound_leaves_no_variance_and_conditions_the_rest(samples):
     t, y = samples
     solved = fit(y, t, upper=0.2)
-    C = reduced_covariance(*solved, np.array([0, 1]))
+    C = kkt_system_of(*solved).marginal(np.array([0, 1]))
     assert active(*solved) == 1
     assert C[0, 0] == pytest.approx(0, abs=1e-8)
     assert C[1, 1] == pytest.approx(SIGMA**2 / len(t), rel=1e-4)
@@ -130,7 +129,7 @@ def test_a_direction_that_nothing_sees_has_a_huge_variance_and_raises_nothing():
     problem = Problem()
     a = problem.variable("a", 2, guess=0.0, unit="m", scale=1.0)
     problem.minimize("sum", lambda a: (a[0] + a[1]) ** 2, a, role="likelihood")
-    C = reduced_covariance(problem, solve(problem), np.array([0, 1]))
+    C = kkt_system_of(problem, solve(problem)).marginal(np.array([0, 1]))
     assert C[0, 0] > 1e6
     assert C[0, 0] + 2 * C[0, 1] + C[1, 1] == pytest.approx(0.5, rel=1e-3)
 
@@ -172,7 +171,7 @@ def test_a_gaussian_prior_alone_gives_back_its_deviation():
     problem = Problem()
     a = problem.variable("a", 1, guess=0.0, unit="m", scale=1e-3)
     problem.minimize("prior", lambda a: ca.sumsqr(a / 0.02) / 2, a, role="prior")
-    C = reduced_covariance(problem, solve(problem), np.array([0]))
+    C = kkt_system_of(problem, solve(problem)).marginal(np.array([0]))
     assert np.sqrt(C.item()) == pytest.approx(0.02, rel=1e-6)
 
 

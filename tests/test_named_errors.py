@@ -78,6 +78,18 @@ def test_a_budget_survives_a_file_and_files_from_before_have_none(touched, tmp_p
         old.information.error_budget("position")
 
 
+def test_covariances_of_a_file_from_before_count_by_their_variances(touched):
+    spread = touched.information.spread
+    shares = {"physics": 0.3 * spread, "priors": 0.7 * spread}
+    before = replace(touched.information, budget=shares)
+    check_budget(before)
+    priors, sigma = (
+        before.error_budget("side_lengths")["priors"],
+        touched.information.sigma("side_lengths"),
+    )
+    np.testing.assert_allclose(priors, 0.7**0.5 * sigma)
+
+
 def test_what_has_no_budget_is_refused_by_name(estimate):
     information = estimate.information
     with pytest.raises(OptionError, match="side_lengths"):

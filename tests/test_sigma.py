@@ -12,7 +12,7 @@ from tactilenlp.errors import OptionError
 from tactilenlp.estimation.programme import programme_at
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.information.comparisons import gauss_newton
-from tactilenlp.information.error_budget import Linearisation, error_budget
+from tactilenlp.information.error_budget import Linearisation, errors_by_name, summed
 from tactilenlp.information.error_budget_terms import (
     UNTOUCHED_FACTOR,
     untouched_faces,
@@ -261,11 +261,11 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(programme, kkt, monkeyp
     chosen = np.arange(3)
     by_gradient, _ = kkt.sensitivity(chosen)
     at = Linearisation(kkt, programme.job, programme.window).response(chosen, np.eye(3))
-    errors = error_budget(at)
+    errors = summed(errors_by_name(at))
     monkeypatch.setattr(
         "tactilenlp.information.error_budget_terms.LEAST_CURVATURE",
         1.0 + LEAST_CURVATURE,
     )
-    more = error_budget(at) - errors
+    more = summed(errors_by_name(at)) - errors
     scaled = by_gradient / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)

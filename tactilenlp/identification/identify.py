@@ -17,7 +17,7 @@ from ..common.validation import as_number, check_numbers, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
 from ..errors import OptionError, SceneError, typed_call
-from ..information.information import reduced_covariance
+from ..nlp.kkt import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache
 from ..solvers.options import SolverOptions
@@ -206,7 +206,8 @@ def _covariance(problem, solution, deadline) -> tuple[np.ndarray, np.ndarray]:
     iteration = solution.seconds["solve"] / solution.iterations if solved else np.inf
     if deadline.passed("standard deviations", COVARIANCE_TIME * iteration):
         return np.diag(np.full(len(chosen), np.inf)), names
-    return reduced_covariance(problem, solution, chosen), names
+    C = kkt_system_of(problem, solution).marginal(chosen)
+    return (C + C.T) / 2, names
 
 
 def _read_off(

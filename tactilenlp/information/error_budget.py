@@ -267,32 +267,28 @@ def summed(errors: dict[str, np.ndarray]) -> np.ndarray:
     return (total + total.T) / 2
 
 
-def error_budget(response: Response) -> np.ndarray:
-    """Return the covariance (k, k) of the chosen unknowns, SI: the sum of all terms."""
-    return summed(errors_by_name(response))
+def variances(C, maps: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the variances (n,) by C (k, k): of the k numbers, then by every map."""
+    return np.concatenate([np.diag(C), *(np.diag(J @ C @ J.T) for J in maps.values())])
 
 
-def widened(errors: dict, covariance, factor: float) -> dict[str, np.ndarray]:
-    """Return errors and what a factor of sigma adds; covariance (k, k): their sum."""
-    if not errors or factor == 1.0:
-        return errors
-    more = errors.get(POOR_FIT, 0.0) + (factor**2 - 1) * covariance
-    return errors | {POOR_FIT: more}
+def with_ground(errors: dict, ground, traces: dict) -> dict[str, np.ndarray]:
+    """Return variances (3,) of a pose by error, with those (3,) that the ground adds.
+
+    traces: of all unknowns, by error: a poor fit has its share of what is added.
+    """
+    errors = {name: np.nan_to_num(variance) for name, variance in errors.items()}
+    share = traces.get(POOR_FIT, 0.0) / sum(traces.values())
+    for name, part in ((GROUND_TILT, 1 - share), (POOR_FIT, share)):
+        errors[name] = errors.get(name, 0.0) + part * ground
+    return errors
 
 
-def deviations(errors: dict, jacobian, unit=1.0, ground=None) -> dict[str, np.ndarray]:
+def deviations(errors: dict[str, np.ndarray], unit=1.0) -> dict[str, np.ndarray]:
     """Return standard deviations (n,) by each error alone, the largest first.
 
-    Of numbers of Jacobian (n, k); unit (n,): in which variances are compared; ground
-    (n,): variances that the ground adds, of which a poor fit has its share.
+    errors: variances (n,) by each; unit (n,): in which these are compared.
     """
-    found = {name: np.diag(jacobian @ C @ jacobian.T) for name, C in errors.items()}
-    if ground is not None:
-        found = {name: np.nan_to_num(variance) for name, variance in found.items()}
-        fit = np.trace(errors.get(POOR_FIT, np.zeros((1, 1))))
-        share = fit / sum(np.trace(C) for C in errors.values())
-        for name, part in ((GROUND_TILT, 1 - share), (POOR_FIT, share)):
-            found[name] = found.get(name, 0.0) + part * ground
-    order = sorted(found, key=lambda name: -np.nansum(found[name] / unit))
-    sigma = {name: np.sqrt(np.maximum(found[name], 0.0)) for name in order}
+    order = sorted(errors, key=lambda name: -np.nansum(errors[name] / unit))
+    sigma = {name: np.sqrt(np.maximum(errors[name], 0.0)) for name in order}
     return {name: s for name, s in sigma.items() if np.nansum(s) > 0}

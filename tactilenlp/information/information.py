@@ -16,9 +16,17 @@ from ..common.brief import printed
 from ..common.layout import ANY
 from ..common.validation import check_sample, check_types
 from ..errors import OptionError, did_you_mean
-from ..nlp.kkt import KKTSystem, kkt_system_of
+from ..nlp.kkt import KKTSystem
 from .consider_parameters import Considered, in_numbers
-from .error_budget import Linearisation, deviations, errors_by_name, summed, widened
+from .error_budget import (
+    POOR_FIT,
+    Linearisation,
+    deviations,
+    errors_by_name,
+    summed,
+    variances,
+    with_ground,
+)
 from .error_budget_terms import beyond_mixture
 from .mixture import (
     LocalOptimum,
@@ -58,8 +66,9 @@ class Information:
     (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame;
     ground (6, 6): what the ground under a body in planar motion adds to the covariance
     of its final position and rotation; considered: what touches tell of quantities that
-    the page takes as given, by name; budget: covariances (k, k) by each error alone, of
-    which spread is the sum, by the names of error_budget.py; empty in older files.
+    the page takes as given, by name; budget: variances (n,) of `names`, then of the
+    rows of `maps`, by each error alone, by the names of error_budget.py: they add up to
+    those of spread.  It is made of covariances (k, k), and empty in older files.
     """
 
     names: tuple[str, ...]
@@ -100,12 +109,15 @@ class Information:
         "path": ("T", 6),
         "ground": (6, 6),
         "considered/*": (3,),
-        "budget/*": ("k", "k"),
+        "budget/*": ("n",),
     }
 
     def __post_init__(self) -> None:
-        for name, told in self.considered.items():  # an array, from a file
-            self.considered[name] = Considered(*map(float, told))
+        for name, numbers in self.considered.items():  # an array, from a file
+            self.considered[name] = Considered(*map(float, numbers))
+        for name, error in self.budget.items():
+            if error.ndim == 2:
+                self.budget[name] = variances(error, self.maps)
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
@@ -135,19 +147,19 @@ class Information:
         (3,) of a quantity, or (k,) of `names`: their squares add up to those of sigma.
         error_budget.py says what each error is.
         """
-        self.covariance(name)  # refuses what has none
+        total = np.diag(self.covariance(name))
         if not self.budget or name == "finger_offset":
             raise OptionError(
                 "no error budget", where="information", got=name,
                 expected=f"one of {sorted(self.maps)}, of an estimate of this version",
             )  # fmt: skip
-        if name is None:
-            return deviations(
-                self.budget, np.eye(len(self.names)), np.diag(self.spread)
-            )
-        added = self.ground is not None and name in POSE
-        ground = np.diag(self.ground)[POSE[name]] if added else None
-        return deviations(self.budget, self.maps[name], ground=ground)
+        at, k = [None, *self.maps].index(name), len(self.names)
+        ends = np.cumsum([0, k, *map(len, self.maps.values())])
+        errors = {e: v[ends[at] : ends[at + 1]] for e, v in self.budget.items()}
+        if self.ground is not None and name in POSE:
+            traces = {e: v[:k].sum() for e, v in self.budget.items()}
+            errors = with_ground(errors, np.diag(self.ground)[POSE[name]], traces)
+        return deviations(errors, total if name is None else 1.0)
 
     def sigma(self, name: str, sample: int | None = None) -> np.ndarray:
         """Return standard deviations (3,), SI; NaN where fixed, on an exact ground.
@@ -202,10 +214,12 @@ class Information:
     def widened(self, factor: float) -> Information:
         """Return the same, all standard deviations multiplied by a factor."""
         powers = {"spread": 2, "ground": 2, "offsets": 2, "path": 1}
-        known = {n: v for n, v in vars(self).items() if n in powers and v is not None}
-        told = {n: factor ** powers[n] * known[n] for n in known}
-        budget = widened(self.budget, self.spread, factor)
-        return replace(self, budget=budget, **told)
+        own = {n: v for n, v in vars(self).items() if n in powers and v is not None}
+        wide = {n: factor ** powers[n] * v for n, v in own.items()}
+        if (budget := self.budget) and factor != 1.0:
+            more = variances((factor**2 - 1) * self.spread, self.maps)
+            budget = budget | {POOR_FIT: budget.get(POOR_FIT, 0.0) + more}
+        return replace(self, budget=budget, **wide)
 
     def of_hessian(self) -> Information:
         """Return the same, its sigma that of the Hessian alone, of one optimum."""
@@ -267,23 +281,6 @@ def at_solution(at, response, tangent, matrix, **told) -> Information:
         maps=tangent.maps, fixed=tangent.fixed, active=kkt.active,
         ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts), **told,
     )  # fmt: skip
-
-
-def optimum_of(problem, solution, window, shape, R_wg) -> LocalOptimum:
-    """Return where a solve ended, with the covariance by the Hessian.
-
-    R_wg (3, 3): from the ground's frame, in which the problem is written, to the world.
-    """
-    at = tangent_space_of(problem, solution, window, shape, R_wg)
-    C = reduced_covariance(problem, solution, at.chosen)
-    C = at.jacobian @ C @ at.jacobian.T
-    return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
-
-
-def reduced_covariance(problem, solution, chosen: np.ndarray) -> np.ndarray:
-    """Return the covariance (k, k), SI, of the unknowns of these indices."""
-    C = kkt_system_of(problem, solution).sensitivity(chosen)[0][chosen]
-    return (C + C.T) / 2
 
 
 def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:

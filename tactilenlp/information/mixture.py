@@ -1,7 +1,8 @@
 r"""Weigh local optima as a Laplace mixture: its weights, offsets and covariance.
 
 Touch can leave several bodies possible: another face touched, another rotation.  Modes
-m are weighted by Laplace's approximation to the evidence of shape z and final pose,
+m are weighted by Laplace's approximation to the evidence of shape z and final pose
+(Kass and Raftery, J. Am. Stat. Assoc. 90, 1995, Sec. 4.1),
 
     w_m  ~  exp(-objective_m) sqrt(det C_m),      sum w = 1,
 
@@ -13,7 +14,8 @@ impulses depends on which bounds are active, differs by tens of nats from mode t
 and says nothing about the shape.
 
 Classes of shapes s, with other unknowns each, are compared in the same way, with the
-volume of the posterior as a share of that of the prior (Occam's factor):
+volume of the posterior as a share of that of the prior (Occam's factor: MacKay, Neural
+Computation 4, 1992):
 
     p_s  ~  exp(-objective_s) prod_i min(1, deviation_i / prior deviation_i)
 
@@ -34,7 +36,7 @@ from formulations.rigid_body import ARM
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
 from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose
-from .tangent_space import widest_deviations
+from .tangent_space import tangent_space_of, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
@@ -55,6 +57,17 @@ class LocalOptimum(NamedTuple):
     covariance: np.ndarray
     solution: object = None
     window: object = None
+
+
+def optimum_of(kkt: KKTSystem, solution, window, shape, R_wg) -> LocalOptimum:
+    """Return where a solve ended, with the covariance by the Hessian.
+
+    R_wg (3, 3): from the ground's frame, in which the problem is written, to the world.
+    """
+    at = tangent_space_of(kkt.problem, solution, window, shape, R_wg)
+    C = kkt.marginal(at.chosen)
+    C = at.jacobian @ ((C + C.T) / 2) @ at.jacobian.T
+    return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
 
 
 @printed
@@ -106,15 +119,13 @@ def odds_of(found, errors: dict) -> tuple[ClassOdds, ...]:
 
     found: (log evidence, Estimate) of each class; errors: TactileErrors by class.
     """
-    evidence = np.array([told for told, _ in found])
+    evidence = np.array([own for own, _ in found])
     weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
     shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
-    odds = [
-        ClassOdds(
-            e.shape, e.objective, told, float(share), e.fit.verdict if e.fit else ""
-        )
-        for (told, e), share in zip(found, shares, strict=True)
-    ]
+    odds = []
+    for (own, e), share in zip(found, shares, strict=True):
+        verdict = e.fit.verdict if e.fit else ""
+        odds.append(ClassOdds(e.shape, e.objective, own, float(share), verdict))
     odds.sort(key=lambda one: -one.log_evidence)
     failed = {k: f"{type(error).__name__}: {error}" for k, error in errors.items()}
     odds += [ClassOdds(k, np.inf, -np.inf, 0.0, "", said) for k, said in failed.items()]
@@ -136,7 +147,7 @@ def occam_factor(covariance, prior) -> float:
     covariance (k, k) of the posterior, prior (k, k): the information before the data.
     """
     L = np.linalg.cholesky(prior)
-    shares = np.linalg.eigvalsh(L.T @ covariance @ L)
+    shares = np.linalg.eigvalsh(L.T @ ((covariance + covariance.T) / 2) @ L)
     shares = np.clip(np.abs(shares), np.finfo(float).tiny, 1.0)
     return float(-np.log(shares).sum() / 2)
 
@@ -147,11 +158,10 @@ def occam_of(kkt: KKTSystem, name: str) -> float:
     Its information before the data is that of the page's priors; its covariance is
     marginal: shape, poses and impulses are as open as they are.
     """
-    problem, at, covariance = kkt.problem, (kkt.x, kkt.data), kkt.marginal(name)
-    own = problem.variables[name].span
+    problem, own = kkt.problem, kkt.problem.variables[name].span
     priors = (k.name for k in problem.costs.values() if k.role == "prior")
-    known = sum(problem.hessian(prior, *at)[own][:, own].toarray() for prior in priors)
-    return occam_factor((covariance + covariance.T) / 2, known)
+    known = kkt.hessian(priors)[own][:, own].toarray()
+    return occam_factor(kkt.marginal(name), known)
 
 
 def one_mode(objective: float, covariance) -> Modes:
@@ -160,21 +170,18 @@ def one_mode(objective: float, covariance) -> Modes:
     return Modes(np.ones(1), zero, covariance[None], np.array([objective]))
 
 
-def laplace_mixture(shape, turning: int, found, errors=None) -> Modes:
-    """Return the modes of the distinct ones of LocalOptima, the first first.
+def laplace_mixture(shape, turning: int, optima, errors=None) -> Modes:
+    """Return the modes of distinct LocalOptima, the first first.
 
     turning: how many numbers of z turn the body; errors (k, k): the covariance of the
     first, if it is not that of the Hessian, of which the weights are.
     """
-    kept = []
-    for one in distinct_modes(shape, turning, found):
-        off, C = aligned(shape, turning, one, found[0])
-        kept.append((off, one.objective, C))
-    offsets, objectives, covariances = (np.array(a) for a in zip(*kept, strict=True))
-    unit = np.outer(*[_units(len(found[0].z), turning)] * 2) / SAME_MODE**2
-    told = [bounded_pose(C, shape.theta, turning) for C in covariances]
-    volumes = [_log_volume(C * unit) for C in told]
-    evidence = np.array(volumes) - objectives
+    pairs = [aligned(shape, turning, one, optima[0]) for one in optima]
+    offsets, covariances = (np.array(part) for part in zip(*pairs, strict=True))
+    objectives = np.array([one.objective for one in optima])
+    unit = np.outer(*[_units(len(optima[0].z), turning)] * 2) / SAME_MODE**2
+    closed = [bounded_pose(C, shape.theta, turning) for C in covariances]
+    evidence = np.array([_log_volume(C * unit) for C in closed]) - objectives
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
     weights[1:] *= weights[1:] >= NEGLIGIBLE_WEIGHT
@@ -249,9 +256,7 @@ def whole_percentages(probabilities) -> list[int]:
 
 def _units(unknowns: int, turning: int) -> np.ndarray:
     """Return by what unknowns (k,) are multiplied to compare them, [1] or [m/rad]."""
-    units = np.ones(unknowns)
-    units[unknowns - turning :] = ARM
-    return units
+    return np.where(np.arange(unknowns) < unknowns - turning, 1.0, ARM)
 
 
 def _log_volume(C) -> float:
@@ -266,13 +271,12 @@ def aligned(shape, turning: int, mode: LocalOptimum, reference: LocalOptimum):
 
     Of the body's relabellings (order of theta, rotation), that which turns least.
     """
-    z, R, _, C, *_ = mode
-    z_0, R_0, *_ = reference
-    order, S = relabelling(shape, R, R_0)
-    index = np.r_[np.array(order, int), np.arange(shape.theta, len(z))]
-    off = z[index] - z_0
-    off[len(z) - turning :] = turn_between(shape, R @ S, R_0)[3 - turning :]
-    return off, C[np.ix_(index, index)]
+    order, S = relabelling(shape, mode.R, reference.R)
+    index = np.r_[np.array(order, int), np.arange(shape.theta, len(mode.z))]
+    off = mode.z[index] - reference.z
+    turn = turn_between(shape, mode.R @ S, reference.R)
+    off[len(off) - turning :] = turn[3 - turning :]
+    return off, mode.covariance[np.ix_(index, index)]
 
 
 def relabelling(shape, R, R_0) -> tuple:

@@ -25,7 +25,7 @@ from formulations.ground_contact import REST
 from formulations.rigid_body import ARM, LEAST_ARM
 
 from ..geometry.transforms import is_planar, matrices
-from .error_budget import Linearisation, error_budget
+from .error_budget import Linearisation, errors_by_name, summed
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .mixture import relabelling, turn_between
 from .tangent_space import inverse, pose_jacobians
@@ -53,7 +53,7 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     variance = np.zeros(6 * len(poses))
     if free and at.tilt is not None:
         turned = at.tilt.turned(p).reshape(-1, 2)[moving]
-    budget = error_budget(at.response(chosen, jacobian[moving], turned))
+    budget = summed(errors_by_name(at.response(chosen, jacobian[moving], turned)))
     variance[moving] = (1.0 - sum(weight for weight, _ in optima)) * np.diag(budget)
     variance = variance.reshape(-1, 6)
     if not free and at.tilt is not None:
@@ -204,11 +204,10 @@ def fields_of_offsets(at: Linearisation, tangent) -> dict:
     own = np.arange(variables[OFFSET].span.start, variables[OFFSET].span.stop)
     turn = np.kron(np.eye(len(own) // 3), at.R_wg)
     chosen = np.r_[tangent.chosen, own]
-    C = at.kkt.sensitivity(chosen)[0][chosen]
     jacobian = block_diag(tangent.jacobian, np.eye(len(own)))
-    C = jacobian @ C @ jacobian.T
-    told = error_budget(at.response(own, turn))
-    return {"offsets": told, "with_offsets": inverse((C + C.T) / 2)}
+    C = jacobian @ at.kkt.marginal(chosen) @ jacobian.T
+    errors = summed(errors_by_name(at.response(own, turn)))
+    return {"offsets": errors, "with_offsets": inverse((C + C.T) / 2)}
 
 
 def prior_of_offsets(scene, fingers: int) -> np.ndarray:

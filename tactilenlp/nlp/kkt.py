@@ -151,10 +151,15 @@ class KKTSystem:
         by_constraint[self.rows] = multipliers / self.lengths[:, None]
         return scale[:, None] * answer[:n], by_constraint
 
-    def marginal(self, name: str) -> np.ndarray:
-        """Return the covariance of a variable, all others free, by the Hessian, SI."""
-        own = np.arange(len(self.x))[self.problem.variables[name].span]
-        return self.sensitivity(own)[0][own]
+    def marginal(self, chosen: str | np.ndarray) -> np.ndarray:
+        """Return the covariance (k, k) of k unknowns, all others free, SI.
+
+        By the Hessian (Laplace approximation), symmetric to rounding.  chosen: their
+        indices, or the name of a variable.
+        """
+        if isinstance(chosen, str):
+            chosen = np.arange(len(self.x))[self.problem.variables[chosen].span]
+        return self.sensitivity(chosen)[0][chosen]
 
     def moved(self, gradient: np.ndarray) -> np.ndarray:
         """Return how all unknowns (unknowns,) move if the gradient of L changes, SI."""

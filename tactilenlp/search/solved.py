@@ -11,8 +11,8 @@ from formulations.finger_offset import NAME as OFFSET
 
 from ..data.ground import frame_of
 from ..geometry.faces import touched_faces
-from ..information.information import FACE_COSINE, optimum_of
-from ..information.mixture import LocalOptimum
+from ..information.information import FACE_COSINE
+from ..information.mixture import LocalOptimum, optimum_of
 from ..information.tangent_space import TangentSpace, tangent_space_of
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
@@ -169,7 +169,7 @@ class Solved:
     def optimum(self) -> LocalOptimum:
         """Shape and final pose of a shape with sizes, covariance by the Hessian."""
         R_wg = frame_of(self.job.scene.ground).rotation.T
-        arguments = self.problem, self.solution, self.window, self.job.shape
+        arguments = self.kkt, self.solution, self.window, self.job.shape
         return optimum_of(*arguments, R_wg)
 
 
