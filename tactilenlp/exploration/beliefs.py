@@ -15,17 +15,18 @@ import numpy as np
 from scipy.linalg import block_diag, eigh
 
 from formulations import between_actions
+from formulations.finger import SPHERE
 from formulations.finger_offset import NAME as OFFSET
 from formulations.likelihood import steepness
 from formulations.rigid_body import ARM, FREE, PLANAR
 from formulations.violation_implicit import NORMAL, TOUCH
 
 from ..data.contact_segments import intervals
+from ..information.comparisons import sample_information
 from ..information.tangent_space import tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
 from ..problem.poses import rotations_on_ground
 from ..search.hypothesis import Hypothesis, distinct
-from .push_model import sample_information_function
 
 log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
@@ -184,7 +185,8 @@ def information_of_samples(estimate, shape, theta, x, offset, before) -> np.ndar
     t, f = np.nonzero(data.valid)
     k = len(theta) + len(x)
     z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
-    found = sample_information_function(shape, len(x) > 3).map(len(t))(
+    motion = FREE if len(x) > 3 else PLANAR
+    found = sample_information(shape, motion, SPHERE).map(len(t))(
         z, points[t, f].T, data.finger_radius[f][None],
         data.contact[t, f][None].astype(float), sensor_model(estimate),
     )  # fmt: skip

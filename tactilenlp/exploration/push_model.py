@@ -185,24 +185,6 @@ def backward_filter_function(shape, fingers: int) -> ca.Function:
     return step.mapaccum("remembered", SAMPLES_PER_CALL, 2)
 
 
-@cache
-def sample_information_function(shape, free: bool) -> ca.Function:
-    """Return (z, r, rho, c, sensors) -> information (k + 3, k + 3) of a sample.
-
-    About z, which is theta and the pose at that sample (dx_t/dx_T = I), and about the
-    position r of the finger.  c: the boolean.
-    """
-    z, theta, pose = _unknowns(shape, free)
-    r, rho, c = ca.SX.sym("r", 3), ca.SX.sym("rho"), ca.SX.sym("c")
-    sensors = ca.SX.sym("sensors", 3)
-    phi = SPHERE.gap(shape, theta, pose, r, rho)
-    n = SPHERE.normal(shape, theta, pose, r, rho)
-    slopes = [ca.jacobian(v, ca.vertcat(z, r)) for v in (phi, n)]
-    told = exploration.sample_information(c, phi, *slopes, *ca.vertsplit(sensors))
-    inputs, out = [z, r, rho, c, sensors], [ca.densify(told)]
-    return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]
-
-
 def _unknowns(shape, free: bool):
     """Return z, and the theta and the pose that it stands for.
 

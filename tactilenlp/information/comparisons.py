@@ -26,14 +26,18 @@ inverse_dynamics  The same sum, earlier poses by inverted Jacobians of the dynam
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
+from formulations import exploration
+
 from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
+from ..nlp.codegen import compiled
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 
 
@@ -57,7 +61,7 @@ def paper(problem, solution, window, shape) -> np.ndarray:
     turns = [quaternion_jacobian(window.motion, x_k) for x_k in x.T]
     still = np.eye(len(x) - len(turns[-1]))
     by_last = [block_diag(still, np.linalg.pinv(J) @ turns[-1]) for J in turns]
-    return summed(problem, solution, window, shape, np.array(by_last))
+    return sum_of_samples(problem, solution, window, shape, np.array(by_last))
 
 
 def quaternion_jacobian(motion, x) -> np.ndarray:
@@ -73,7 +77,7 @@ def quaternion_jacobian(motion, x) -> np.ndarray:
 def inverse_dynamics(kkt: KKTSystem, solution, window, shape) -> np.ndarray:
     """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
     by_last, by_theta = pose_jacobians(kkt, window, shape)
-    return summed(kkt.problem, solution, window, shape, by_last, by_theta)
+    return sum_of_samples(kkt.problem, solution, window, shape, by_last, by_theta)
 
 
 def pose_jacobians(kkt: KKTSystem, window, shape) -> tuple[np.ndarray, np.ndarray]:
@@ -143,52 +147,48 @@ def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:
     return {name: pose[term.unknowns].max(axis=1) for name, term in terms}
 
 
-def summed(problem, solution, window, shape, by_last, by_theta=None) -> np.ndarray:
+def sum_of_samples(problem, solution, window, shape, by_last, by_theta=None):
     """Return the sum of the samples' information (k, k), each by its own pose.
 
     by_last (poses, u, u): derivative of each pose by the last one; by_theta (poses, u,
-    n): by the shape at a given last pose.
+    n): by the shape at a given last pose.  sigma = inf: a felt gap tells no more than
+    its boolean.
     """
-    n, u = shape.theta, len(solution.values["x"])
-    alpha, sigma = (_value(problem, name) for name in ("alpha", "normal scale"))
-    M = np.zeros((n + u, n + u))
-    for samples, felt in ((window.touch, True), (window.free, False)):
-        if not len(samples):
+    theta, x, n = solution.values["theta"], solution.values["x"], shape.theta
+    alpha, sigma_n = (_value(problem, name) for name in ("alpha", "normal scale"))
+    told = sample_information(shape, window.motion, window.finger)
+    k, total = n + len(x), np.zeros((n + len(x), n + len(x)))
+    for samples, felt in ((window.touch, 1.0), (window.free, 0.0)):
+        if not (count := len(samples)):
             continue
-        phi, by_phi, by_normal = _slopes(solution, window, shape, samples)
-        to_last = np.zeros((len(samples), n + u, n + u))
-        to_last[:, :n, :n] = np.eye(n)
+        z = np.vstack([np.repeat(theta, count, axis=1), x[:, samples.pose]])
+        given = z, samples.p_wf.T, samples.radius[None], felt
+        F = told.map(count)(*given, [alpha, np.inf, sigma_n]).full()
+        F = F.reshape(len(F), count, -1)[:k, :, :k]
+        to_last = np.tile(np.eye(k), (count, 1, 1))
         to_last[:, n:, n:] = by_last[samples.pose]
         if by_theta is not None:
             to_last[:, n:, :n] = by_theta[samples.pose]
-        p = 1 / (1 + np.exp(-np.clip(alpha * phi, -500, 500)))
-        J = np.einsum("ij,ijk->ik", by_phi, to_last)
-        M += np.einsum("i,ij,ik->jk", alpha**2 * p * (1 - p), J, J)
-        if felt:
-            J = np.einsum("iaj,ijk->iak", by_normal, to_last)
-            M += np.einsum("iaj,iak->jk", J, J) / sigma**2
-    return M
+        total += np.einsum("iab,aic,icd->bd", to_last, F, to_last, optimize=True)
+    return total
 
 
-def _slopes(solution, window, shape, samples):
-    """Return phi (i,), its gradient (i, k) and the normal's (i, 3, k) by (theta, x)."""
-    values, motion, finger = solution.values, window.motion, window.finger
+@cache
+def sample_information(shape, motion, finger) -> ca.Function:
+    """Return (z, p_wf, rho, c, sensors) -> information of a sample (eq:obsinfo).
+
+    About z, which is theta and the pose at that sample (dx_t/dx_T = I), and about the
+    place p_wf of the finger.  c: the boolean; sensors: alpha, sigma, sigma_n.
+    """
     z = ca.SX.sym("z", shape.theta + motion.unknowns)
-    p_wf, rho = ca.SX.sym("p", samples.p_wf.shape[1]), ca.SX.sym("rho")
-    theta, x = z[: shape.theta], z[shape.theta :]
-    pose = motion.pose(shape, theta, x)
-    phi = finger.gap(shape, theta, pose, p_wf, rho)
-    normal = finger.normal(shape, theta, pose, p_wf, rho)
-    out = [phi, ca.densify(ca.jacobian(phi, z)), ca.densify(ca.jacobian(normal, z))]
-    count = len(samples)
-    at = np.vstack([np.repeat(values["theta"], count, 1), values["x"][:, samples.pose]])
-    found = ca.Function("slopes", [z, p_wf, rho], out).map(count)(
-        at, samples.p_wf.T, samples.radius[None]
-    )
-    phi, by_phi, by_normal = (np.asarray(f) for f in found)
-    k = len(at)
-    by_normal = by_normal.reshape(3, count, k).transpose(1, 0, 2)
-    return phi.ravel(), by_phi.reshape(count, k), by_normal
+    p_wf, rho, c = ca.SX.sym("p", finger.numbers), ca.SX.sym("rho"), ca.SX.sym("c")
+    sensors, theta = ca.SX.sym("sensors", 3), z[: shape.theta]
+    at = shape, theta, motion.pose(shape, theta, z[shape.theta :]), p_wf, rho
+    phi, n = finger.gap(*at), finger.normal(*at)
+    slopes = [ca.jacobian(v, ca.vertcat(z, p_wf)) for v in (phi, n)]
+    F = exploration.sample_information(c, phi, *slopes, *ca.vertsplit(sensors))
+    inputs, out = [z, p_wf, rho, c, sensors], [ca.densify(F)]
+    return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]
 
 
 def _value(problem, name: str) -> float:
