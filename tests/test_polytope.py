@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.optimize import nnls
+from scipy.spatial import ConvexHull
 
 from formulations.nearest_point import towards
 from formulations.polytope import (
@@ -196,6 +197,15 @@ def test_thinning_keeps_what_carries_volume():
     bumps = 1.001 * CUBE[[0, 1, 3, 2]].mean(axis=0) + np.zeros((1, 3))
     kept = hull.thinned(np.vstack([CUBE, bumps]), 8)
     assert sorted(kept.round(9).tolist()) == sorted(CUBE.round(9).tolist())
+
+
+def test_a_hull_of_many_vertices_keeps_its_volume_as_one_of_few_does():
+    few, many = ball(300, 3), ball(1200, 3)
+    shares = [
+        ConvexHull(hull.thinned(points, 40)).volume / ConvexHull(points).volume
+        for points in (few, many)
+    ]
+    assert shares[1] == pytest.approx(shares[0], rel=0.03)
 
 
 def test_missing_vertices_are_put_where_the_hull_stays_as_it_is():

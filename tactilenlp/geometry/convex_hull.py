@@ -26,6 +26,7 @@ INDEPENDENT_TOUCHES = 30  # touches counted as independent, at most
 CENTRE_HEIGHT = 0.7, 0.25
 FLOATING_HEIGHT = 0.0, 0.5
 ENLARGED = 2.0**10  # [1] trimesh's tolerances are absolute: too wide for small faces
+ONE_BY_ONE = 600  # [1] vertices of a hull of which the least is removed alone
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
@@ -95,7 +96,8 @@ def merged(points) -> np.ndarray:
 def thinned(points, count: int) -> np.ndarray:
     """Return at most `count` of the vertices, removing those that add least volume.
 
-    Greedy: after a removal only the losses of its neighbours are computed again.
+    Greedy: after a removal only the losses of its neighbours are computed again.  Of
+    more than ONE_BY_ONE vertices, a tenth of those beyond is removed at once.
     """
     points = hull_vertices(points)
     kept, loss = np.arange(len(points)), np.zeros(len(points))
@@ -105,14 +107,15 @@ def thinned(points, count: int) -> np.ndarray:
         for i in changed:
             ring = _neighbours(simplices, i)
             loss[i] = _volume(points[[*ring, i]]) - _volume(points[ring])
-        gone = kept[np.argmin(loss[kept])]
-        kept, changed = kept[kept != gone], _neighbours(simplices, gone)
+        at_once = max(1, (len(kept) - ONE_BY_ONE) // 10)
+        gone = kept[np.argsort(loss[kept], kind="stable")[:at_once]]
+        kept, changed = np.setdiff1d(kept, gone), _neighbours(simplices, gone)
     return points[kept]
 
 
-def _neighbours(simplices, i: int) -> np.ndarray:
-    """Return the vertices that share an edge with vertex i."""
-    return np.setdiff1d(simplices[(simplices == i).any(axis=1)], i)
+def _neighbours(simplices, some) -> np.ndarray:
+    """Return the vertices that share an edge with some vertices, one or several."""
+    return np.setdiff1d(simplices[np.isin(simplices, some).any(axis=1)], some)
 
 
 def _volume(points) -> float:
