@@ -118,9 +118,9 @@ def errors_of(world, estimate) -> dict[str, float]:
     off = np.linalg.norm(estimate.position[-1] - true.position)
     errors["position"] = float(off)
     if true.side_lengths is not None and estimate.shape == "cuboid":
-        found = estimate.side_lengths, estimate.position[-1], estimate.quaternion[-1]
+        pose = estimate.position[-1], estimate.quaternion[-1]
         truth = true.side_lengths, true.position, true.quaternion
-        apart = cuboid_errors(*found, *truth)
+        apart = cuboid_errors(estimate.side_lengths, *pose, *truth)
         errors["side_lengths"] = float(np.abs(apart.side_lengths).max())
         errors["rotation"] = float(apart.rotation_angle)
     return errors

@@ -178,8 +178,8 @@ def fitted_ball(points, size, height=CENTRE_HEIGHT) -> Ball:
         above = (z[2] / z[3] - height[0]) / height[1]
         return np.r_[away, above, (z[3] - mean) / deviation]
 
-    found = least_squares(residual, np.r_[points.mean(axis=0), mean])
-    return Ball(found.x[:3], float(abs(found.x[3])))
+    ball = least_squares(residual, np.r_[points.mean(axis=0), mean]).x
+    return Ball(ball[:3], float(abs(ball[3])))
 
 
 def fingers_in_body(samples, x) -> np.ndarray:
@@ -202,7 +202,7 @@ def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
     simplices, n = ConvexHull(vertices).simplices, len(points)
     triangles = np.repeat(ENLARGED * vertices[simplices], n, axis=0)
     every = np.tile(ENLARGED * points, (len(simplices), 1))
-    found = trimesh.triangles.closest_point(triangles, every) / ENLARGED
-    found = found.reshape(len(simplices), n, 3)
-    best = np.linalg.norm(found - points, axis=2).argmin(axis=0)
-    return found[best, np.arange(n)], simplices[best]
+    closest = trimesh.triangles.closest_point(triangles, every) / ENLARGED
+    closest = closest.reshape(len(simplices), n, 3)
+    best = np.linalg.norm(closest - points, axis=2).argmin(axis=0)
+    return closest[best, np.arange(n)], simplices[best]

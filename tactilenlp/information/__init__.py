@@ -2,7 +2,8 @@
 
 In: a solved `Problem`.  Out: `Information` about shape and final pose.  The Hessian of
 the Lagrangian is reduced to the null space of the active constraints, and all else is
-marginalised by a Schur complement (Laplace approximation); nothing is solved here.
+marginalised by a Schur complement (Laplace approximation: Tierney and Kadane, J. Am.
+Stat. Assoc. 81, 1986); nothing is solved here.
 
 - `information`, `polytope_information`, `tangent_space`: what is known, what is open
 - `trajectory`: deviations of the pose at every sample, and of finger offsets

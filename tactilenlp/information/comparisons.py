@@ -1,8 +1,9 @@
 r"""Compare information: kinds of it other than the exact one, and what a touch gains.
 
 gauss_newton      The Hessian of every residual without its negative part: for a sum of
-                  squares with zero residuals this is J'J.  The curvature of constraints
-                  is left out.
+                  squares with zero residuals this is J'J (Nocedal and Wright,
+                  Numerical Optimization, 10.3).  The curvature of constraints is left
+                  out.
 
 paper             eq:obsinfo, with the final pose in the page's own unknowns,
 
@@ -116,14 +117,14 @@ def _time_step(kkt: KKTSystem, window, shape, H, s: int):
     ]
     inside = np.concatenate([now, *impulses])
     before = columns[step.before[s]], columns[step.before_2[s]]
-    given = problem.variables["theta"][:, :].indices.ravel()[: shape.theta]
+    theta = problem.variables["theta"][:, :].indices.ravel()[: shape.theta]
     D = sp.diags(problem.scale)
     H, A = (D @ H @ D).tocsc(), kkt.A
     A = A[np.unique(A[:, inside].nonzero()[0])]
     bend = H[inside][:, inside] + LEAST_CURVATURE * sp.identity(len(inside))
     floor = -LEAST_CURVATURE * sp.identity(A.shape[0])
     K = sp.bmat([[bend, A[:, inside].T], [A[:, inside], floor]]).toarray()
-    outside = np.concatenate([*before, given])
+    outside = np.concatenate([*before, theta])
     right = sp.vstack([H[inside][:, outside], A[:, outside]]).toarray()
     moved = -np.linalg.solve(K, right)[: len(now)]
     moved = moved * problem.scale[now][:, None] / problem.scale[outside]
@@ -156,14 +157,14 @@ def sum_of_samples(problem, solution, window, shape, by_last, by_theta=None):
     """
     theta, x, n = solution.values["theta"], solution.values["x"], shape.theta
     alpha, sigma_n = (_value(problem, name) for name in ("alpha", "normal scale"))
-    told = sample_information(shape, window.motion, window.finger)
+    information = sample_information(shape, window.motion, window.finger)
     k, total = n + len(x), np.zeros((n + len(x), n + len(x)))
     for samples, felt in ((window.touch, 1.0), (window.free, 0.0)):
         if not (count := len(samples)):
             continue
         z = np.vstack([np.repeat(theta, count, axis=1), x[:, samples.pose]])
-        given = z, samples.p_wf.T, samples.radius[None], felt
-        F = told.map(count)(*given, [alpha, np.inf, sigma_n]).full()
+        inputs = z, samples.p_wf.T, samples.radius[None], felt
+        F = information.map(count)(*inputs, [alpha, np.inf, sigma_n]).full()
         F = F.reshape(len(F), count, -1)[:k, :, :k]
         to_last = np.tile(np.eye(k), (count, 1, 1))
         to_last[:, n:, n:] = by_last[samples.pose]
@@ -225,32 +226,33 @@ def scattered(kkt: KKTSystem, name: str, local) -> sp.csc_matrix:
 def information_gain(known, told, asked: int | None = None) -> float:
     """Return (logdet(I + F) - logdet(I)) / 2 in nats, by two Cholesky factors.
 
-    known: I (k, k), positive definite; told: F (k, k), positive semidefinite; asked:
-    how many of the first unknowns count, all others being marginalised.
+    The expected gain of a Gaussian belief (Lindley, Ann. Math. Stat. 27, 1956).  known:
+    I (k, k), positive definite; told: F (k, k), positive semidefinite; asked: how many
+    of the first unknowns count, all others being marginalised.
     """
-    known, told = (as_floats(matrix) for matrix in (known, told))
-    if known.ndim != 2 or known.shape != told.shape or len(known) != known.shape[1]:
+    prior, F = (as_floats(matrix) for matrix in (known, told))
+    if prior.ndim != 2 or prior.shape != F.shape or len(prior) != prior.shape[1]:
         raise OptionError(
             "wrong shape", where="information_gain",
             expected="two square matrices of one size",
-            got=f"{known.shape} and {told.shape}",
+            got=f"{prior.shape} and {F.shape}",
         )  # fmt: skip
-    if not (asked is None or (is_whole(asked) and 0 <= asked <= len(known))):
-        expected = f"a whole number of the {len(known)} unknowns, or None"
+    if not (asked is None or (is_whole(asked) and 0 <= asked <= len(prior))):
+        expected = f"a whole number of the {len(prior)} unknowns, or None"
         raise OptionError("wrong type", where="asked", got=asked, expected=expected)
-    if asked is not None and asked < len(known):  # logdet of a Schur complement
+    if asked is not None and asked < len(prior):  # logdet of a Schur complement
         rest = slice(asked, None)
-        nuisance = information_gain(known[rest, rest], told[rest, rest])
-        return information_gain(known, told) - nuisance
-    finite = np.isfinite(known).all() and np.isfinite(told).all()
+        nuisance = information_gain(prior[rest, rest], F[rest, rest])
+        return information_gain(prior, F) - nuisance
+    finite = np.isfinite(prior).all() and np.isfinite(F).all()
     try:
-        if not (finite and np.all(np.diag(known) > 0)):
+        if not (finite and np.all(np.diag(prior) > 0)):
             raise np.linalg.LinAlgError
-        scale = 1 / np.sqrt(np.diag(known))
-        known, told = known * np.outer(scale, scale), told * np.outer(scale, scale)
-        before, after = np.linalg.cholesky(known), np.linalg.cholesky(known + told)
+        scale = 1 / np.sqrt(np.diag(prior))
+        prior, F = prior * np.outer(scale, scale), F * np.outer(scale, scale)
+        before, after = np.linalg.cholesky(prior), np.linalg.cholesky(prior + F)
     except np.linalg.LinAlgError as bad:
-        least = np.linalg.eigvalsh(known)[0] if finite else np.nan
+        least = np.linalg.eigvalsh(prior)[0] if finite else np.nan
         raise TactileError(
             "not positive definite",
             where="information_gain",

@@ -88,8 +88,8 @@ class Doubt:
     @property
     def squared(self) -> float:
         """E[r^2]."""
-        told = (1 / self.information + self.mean**2) / (1 + self.none)
-        return told + self.besides**2
+        second = (1 / self.information + self.mean**2) / (1 + self.none)
+        return second + self.besides**2
 
     def covariance(self, by_gradient, moved=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
@@ -129,11 +129,11 @@ def considered(at) -> dict[str, Doubt]:
     """
     if TOUCH_TERM not in at.kkt.problem.costs:
         return {}
-    found = {LATE_NORMALS: late_normals(at), LATE_TOUCHES: late_touches(at)}
+    doubts = {LATE_NORMALS: late_normals(at), LATE_TOUCHES: late_touches(at)}
     if at.job.shape.rounded is not None:
-        found[ROUNDED_EDGES] = rounded_edges(at)
+        doubts[ROUNDED_EDGES] = rounded_edges(at)
     fingers = np.unique(at.window.touch.finger)
-    return found | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
+    return doubts | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
 
 
 def rounded_edges(at) -> Doubt:
@@ -253,9 +253,9 @@ def ends_of(kkt: KKTSystem, build, changed) -> list:
 def _doubted(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
     """Return what the touches tell of a quantity r; ends: at r = step, 0, -step."""
     b, pull, bend = derivatives(kkt.problem, ends, step, names)
-    known = 1 / prior.deviation**2
-    information = known + max(0.0, bend + b @ kkt.moved(b))
-    mean = (pull + known * prior.mean) / information
+    of_prior = 1 / prior.deviation**2
+    information = of_prior + max(0.0, bend + b @ kkt.moved(b))
+    mean = (pull + of_prior * prior.mean) / information
     mean = min(max(prior.least, mean), prior.most)
     odds = prior.deviation * np.sqrt(information)
     odds *= np.exp(-information * mean**2 / 2) * prior.none

@@ -30,7 +30,7 @@ The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond
 times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
 multiplied by the Birge ratio
 
-    B = sqrt(actual / (expected + spread))                             (Birge, 1932)
+    B = sqrt(actual / (expected + spread))            (Birge, Phys. Rev. 40, 1932)
 
 Touches of a rigid world are off by RIGID_MISFIT of the page's own scales: those of 28
 boxes that slid flat in our simulator cost 0.003 nats, RIGID_MISFIT^2 (1/2 + 1).
@@ -225,13 +225,13 @@ def _largest_motion(x, window) -> Misfit:
 
 def _by_touch(cost, mean, variance, window, measurements) -> tuple:
     """Return the TouchMisfit of every finger in every action, the worst first."""
-    touch, found = window.touch, []
+    touch, misfits = window.touch, []
     felt = np.stack([measurements.action[touch.sample], touch.finger], axis=1)
     for pair in np.unique(felt, axis=0):
-        mine = (felt == pair).all(axis=1)
-        misfit = _misfit(cost[mine], mean[mine], variance[mine])
-        found.append(TouchMisfit(*pair.tolist(), misfit))
-    return tuple(sorted(found, key=lambda t: -t.misfit.excess))
+        rows = (felt == pair).all(axis=1)
+        misfit = _misfit(cost[rows], mean[rows], variance[rows])
+        misfits.append(TouchMisfit(*pair.tolist(), misfit))
+    return tuple(sorted(misfits, key=lambda t: -t.misfit.excess))
 
 
 def states_touches(problem) -> bool:

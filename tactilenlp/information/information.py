@@ -265,10 +265,10 @@ def information_of(
     )  # fmt: skip
 
 
-def at_solution(at, response, tangent, matrix, **told) -> Information:
+def at_solution(at, response, tangent, matrix, **others) -> Information:
     """Return the information about the coordinates of a tangent space.
 
-    matrix (k, k): by the Hessian; told: the fields that no linearisation gives.
+    matrix (k, k): by the Hessian; others: the fields that no linearisation gives.
     """
     kkt, by_gradient = at.kkt, response.by_gradient
     parts = {
@@ -279,7 +279,7 @@ def at_solution(at, response, tangent, matrix, **told) -> Information:
     return Information(
         names=tangent.names, matrix=matrix, parts=parts, roles=roles,
         maps=tangent.maps, fixed=tangent.fixed, active=kkt.active,
-        ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts), **told,
+        ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts), **others,
     )  # fmt: skip
 
 

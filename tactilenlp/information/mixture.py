@@ -114,16 +114,16 @@ class ClassOdds:
     error: str = ""
 
 
-def odds_of(found, errors: dict) -> tuple[ClassOdds, ...]:
+def odds_of(estimates, errors: dict) -> tuple[ClassOdds, ...]:
     """Return the odds of classes, the most probable first, then those that failed.
 
-    found: (log evidence, Estimate) of each class; errors: TactileErrors by class.
+    estimates: (log evidence, Estimate) of each class; errors: TactileErrors by class.
     """
-    evidence = np.array([own for own, _ in found])
+    evidence = np.array([own for own, _ in estimates])
     weights = np.exp(evidence - evidence.max()) if np.isfinite(evidence).any() else 0.0
     shares = weights / max(np.sum(weights), 1.0) * np.isfinite(evidence)
     odds = []
-    for (own, e), share in zip(found, shares, strict=True):
+    for (own, e), share in zip(estimates, shares, strict=True):
         verdict = e.fit.verdict if e.fit else ""
         odds.append(ClassOdds(e.shape, e.objective, own, float(share), verdict))
     odds.sort(key=lambda one: -one.log_evidence)
@@ -160,8 +160,8 @@ def occam_of(kkt: KKTSystem, name: str) -> float:
     """
     problem, own = kkt.problem, kkt.problem.variables[name].span
     priors = (k.name for k in problem.costs.values() if k.role == "prior")
-    known = kkt.hessian(priors)[own][:, own].toarray()
-    return occam_factor(kkt.marginal(name), known)
+    prior = kkt.hessian(priors)[own][:, own].toarray()
+    return occam_factor(kkt.marginal(name), prior)
 
 
 def one_mode(objective: float, covariance) -> Modes:
@@ -199,16 +199,16 @@ def bounded(errors: dict, covariance, shape, turning: int) -> tuple[np.ndarray, 
     covariance = bounded_pose(covariance, n, turning)
     widest = widest_deviations(shape, len(covariance), REACHED, ANY_ROTATION)
     kept[:, n:] -= covariance[:, n:] / widest[n:] ** 2
-    known = {name: kept @ C @ kept.T for name, C in errors.items()}
-    own = {"bound of the pose": covariance - sum(known.values())}
-    return covariance, known | own
+    errors = {name: kept @ C @ kept.T for name, C in errors.items()}
+    errors["bound of the pose"] = covariance - sum(errors.values())
+    return covariance, errors
 
 
-def distinct_modes(shape, turning: int, found) -> list[LocalOptimum]:
+def distinct_modes(shape, turning: int, optima) -> list[LocalOptimum]:
     """Return those of several LocalOptima that are not one of those before."""
-    units, kept, offsets = _units(len(found[0].z), turning), [], []
-    for one in found:
-        off, _ = aligned(shape, turning, one, found[0])
+    units, kept, offsets = _units(len(optima[0].z), turning), [], []
+    for one in optima:
+        off, _ = aligned(shape, turning, one, optima[0])
         if all(np.abs((off - other) * units).max() > SAME_MODE for other in offsets):
             kept.append(one)
             offsets.append(off)

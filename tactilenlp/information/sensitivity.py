@@ -4,8 +4,9 @@ r"""Compute the parametric sensitivity of an estimate to what was assumed.
                      [ d g   / da    ]
 
 for mass, frictions, sensor noise and finger offsets a, by the factorised K of the
-solution and central differences of exact gradients: no solve is repeated.  It holds as
-long as no contact changes its state.
+solution and central differences of exact gradients: no solve is repeated (Fiacco,
+Introduction to Sensitivity and Stability Analysis in Nonlinear Programming, 1983).  It
+holds as long as no contact changes its state.
 
 The ground is assumed to be level, or as it was told.  r (2,) are its rotations about
 its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a ground that
@@ -71,8 +72,8 @@ class GroundTilt:
     @property
     def squared(self) -> np.ndarray:
         """E[r r'] (2, 2)."""
-        known = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
-        return known / (1 + self.level)
+        second = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
+        return second / (1 + self.level)
 
     def covariance(self, by_gradient, turned=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
@@ -100,7 +101,7 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
     data: smoothed, as the problem has them; scene: with the ground in whose frame they
     are; about (3,) [m]: the point of the ground that stays, ground frame.
     """
-    touch, ground, found = window.touch, scene.ground, []
+    touch, ground, by_turn = window.touch, scene.ground, []
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
         turn = [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
         R = Rotation.from_rotvec(turn).as_matrix()
@@ -111,16 +112,16 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
             p_wf[:, 3:] = seen.finger_orientation[at]
         touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
         ends = ends_of(kkt, build, replace(window, touch=touched))
-        found.append(derivatives(kkt.problem, ends, TILT_STEP))
-    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = found
+        by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
+    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
     slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
     moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)
-    told = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
-    values, vectors = np.linalg.eigh((told + told.T) / 2)
+    data = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
+    values, vectors = np.linalg.eigh((data + data.T) / 2)
     prior = 1 / scene.sigma_tilt**2
     information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
-    known = (ground.rotation @ ground.tilt)[:2]
-    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * known)
+    tilted = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
+    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * tilted)
     level = 0.0
     if ground.told is None:
         share = np.sqrt(np.linalg.det(information)) / prior
