@@ -128,11 +128,8 @@ def _stacked(problem, poses, position, rotation):
     n, u = theta.stop - theta.start, x.rows
     columns = x.span.start + poses[:, None] * u + np.arange(u)
     chosen = np.r_[theta.start : theta.stop, columns.ravel()]
-    jacobian = np.zeros((len(poses), 6, len(chosen)))
-    for j, by in enumerate(np.concatenate([position, rotation], axis=1)):
-        jacobian[j, :, :n] = by[:, :n]
-        jacobian[j, :, n + j * u : n + (j + 1) * u] = by[:, n:]
-    return jacobian.reshape(6 * len(poses), -1), chosen
+    by_theta, by_pose = np.split(np.hstack([position, rotation]), [n], axis=2)
+    return np.hstack([by_theta.reshape(-1, n), block_diag(*by_pose)]), chosen
 
 
 def _carried(covariance, maps, R, R_wg) -> np.ndarray:

@@ -14,7 +14,7 @@ from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 from .export import check_format
-from .summary import MM_PER_M, named_sizes, yaw_of
+from .summary import MM_PER_M, has_sides, named_sizes, yaw_of
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
@@ -151,8 +151,8 @@ def _sigma(estimate) -> list[list[str]]:
     """Return name, value and standard deviation of each quantity, in words."""
     rows, information = [], estimate.information
     where = {"position": estimate.position[-1]}
-    if estimate.shape == "cuboid":
-        where["side_lengths"] = estimate.side_lengths
+    if has_sides(estimate):
+        where["side_lengths"] = estimate.theta
     if estimate.reductions["planar"]:  # else no axis is told apart from the others
         where["rotation"] = np.array([0.0, 0.0, yaw_of(estimate)])
     if not {"side_lengths", "vertices"} & {*information.maps}:

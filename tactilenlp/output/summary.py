@@ -97,18 +97,18 @@ def nuisances_in_words(estimate) -> Iterator[str]:
 
 def size_of(estimate) -> str:
     """Return the size of the body, with standard deviations."""
-    theta, information = estimate.theta, estimate.information
-    sides_known = "side_lengths" in information.maps and theta.shape == (3,)
-    if "vertices" in information.maps or (
-        estimate.shape == "cuboid" and not sides_known
-    ):
+    if "vertices" in estimate.information.maps:
         return _size_of_hull(estimate)
-    if sides_known:
-        sides = zip(
-            MM_PER_M * theta, MM_PER_M * information.sigma("side_lengths"), strict=True
-        )
+    if has_sides(estimate):
+        sigma = MM_PER_M * estimate.information.sigma("side_lengths")
+        sides = zip(MM_PER_M * estimate.theta, sigma, strict=True)
         return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
     return ", ".join(map(" ".join, named_sizes(estimate)))
+
+
+def has_sides(estimate) -> bool:
+    """Tell whether theta are the sides (3,) of a body, of any class."""
+    return "side_lengths" in estimate.information.maps and estimate.theta.shape == (3,)
 
 
 def named_sizes(estimate) -> list[tuple[str, str]]:

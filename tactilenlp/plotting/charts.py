@@ -9,13 +9,13 @@ from collections.abc import Iterable
 
 import matplotlib.pyplot as plt
 import numpy as np
-import trimesh
 from matplotlib.figure import Figure
 
 from formulations.names import FINGER_FRICTION
 
 from ..common.validation import check_types
 from ..errors import OptionError
+from ..geometry.convex_hull import nearest
 from ..geometry.transforms import rotation_of
 from ..interface.result import Estimate
 from ..solvers.solution import Solution
@@ -204,9 +204,8 @@ def _parts(estimate, finger, shown):
     R_ow = rotation_of(estimate.quaternion[shown]).inv()
     p_wf = estimate.seen_positions[shown, finger]
     p_of = R_ow.apply(p_wf - estimate.position[shown])
-    body = trimesh.convex.convex_hull(estimate.vertices)
-    nearest, distance, _ = trimesh.proximity.closest_point_naive(body, p_of)
-    n_o = (p_of - nearest) / distance[:, None]
+    n_o = p_of - nearest(estimate.vertices, p_of)
+    n_o /= np.linalg.norm(n_o, axis=1, keepdims=True)
     impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM_PER_M
     normal = -np.sum(impulse * n_o, axis=1)
     return normal, np.linalg.norm(impulse + normal[:, None] * n_o, axis=1)
