@@ -68,7 +68,8 @@ class Information:
     of its final position and rotation; considered: what touches tell of quantities that
     the page takes as given, by name; budget: variances (n,) of `names`, then of the
     rows of `maps`, by each error alone, by the names of error_budget.py: they add up to
-    those of spread.  It is made of covariances (k, k), and empty in older files.
+    those of spread; none that are zero.  It is made of covariances (k, k), and empty in
+    older files.
     """
 
     names: tuple[str, ...]
@@ -115,9 +116,11 @@ class Information:
     def __post_init__(self) -> None:
         for name, numbers in self.considered.items():  # an array, from a file
             self.considered[name] = Considered(*map(float, numbers))
-        for name, error in self.budget.items():
+        for name, error in [*self.budget.items()]:
             if error.ndim == 2:
-                self.budget[name] = variances(error, self.maps)
+                self.budget[name] = error = variances(error, self.maps)
+            if not np.nan_to_num(error).any():
+                del self.budget[name]
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
