@@ -163,28 +163,21 @@ def cuboid_errors(
     cube = np.round(Rotation.create_group("O").as_matrix())
     # Column k of a relabeling is the new axis k in the old axes: one entry of +-1.
     permutations = np.argmax(np.abs(cube), axis=1)
-    sizes = finite_array(side_lengths, (3,), "side_lengths", positive=True)[
-        permutations
-    ]
-    sizes = sizes - finite_array(
-        true_side_lengths, (3,), "true_side_lengths", positive=True
-    )
+    sizes = finite_array(side_lengths, (3,), "side_lengths", positive=True)
+    truth = finite_array(true_side_lengths, (3,), "true_side_lengths", positive=True)
+    sizes = sizes[permutations] - truth
     shift = finite_array(position, (3,), "position")
     shift = shift - finite_array(true_position, (3,), "true_position")
-    misfit = np.linalg.norm(sizes, axis=1)
-    best, angle, turn = smallest_turn(quaternion, true_quaternion, cube, misfit)
-    return CuboidError(shift, angle, turn, cube[best], sizes[best], permutations[best])
-
-
-def smallest_turn(quaternion, true_quaternion, group: np.ndarray, misfit: np.ndarray):
-    """Return the best member of a group, its angle and its rotation vector [rad]."""
     wxyz = [_unit(quaternion, "quaternion"), _unit(true_quaternion, "true_quaternion")]
     R_we, R_wt = rotation_of(wxyz).as_matrix()
-    turns = Rotation.from_matrix(R_we @ group @ R_wt.T).as_rotvec()
-    angles = np.linalg.norm(turns, axis=1)
+    turns = Rotation.from_matrix(R_we @ cube @ R_wt.T).as_rotvec()
+    angles, misfit = (np.linalg.norm(rows, axis=1) for rows in (turns, sizes))
     near = np.flatnonzero(angles <= angles.min() + NEAR_TIE)
     best = min(near, key=lambda k: (misfit[k], angles[k]))
-    return int(best), float(angles[best]), turns[best]
+    return CuboidError(
+        shift, float(angles[best]), turns[best], cube[best], sizes[best],
+        permutations[best],
+    )  # fmt: skip
 
 
 def points_on(triangles: np.ndarray, cube: np.ndarray) -> np.ndarray:

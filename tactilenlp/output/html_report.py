@@ -50,9 +50,9 @@ def _content(estimate) -> dict:
     first, *_ = estimate.summary().split("\n")
     centre, reach = _frame(estimate)
     pushes = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
-    path = None  # deviations (T, 3) [m] of the position, where they are known
+    sigma = None  # (T, 3) [m] of the position, where it is known
     if estimate.information.path is not None:
-        path = _plain(estimate.sigma_position, 6)
+        sigma = _plain(estimate.sigma_position, 6)
     most = max((np.linalg.norm(push, axis=1).max() for push in pushes), default=0.0)
     return {
         "title": f"Estimated {estimate.shape}",
@@ -60,7 +60,7 @@ def _content(estimate) -> dict:
         "time": _plain(data.time, 3),
         "action": data.action.tolist(),
         "position": _plain(estimate.position),
-        "position_sigma": path,
+        "position_sigma": sigma,
         "quaternion": _plain(estimate.quaternion, 6),
         "vertices": _plain(estimate.vertices),
         "faces": _faces(estimate),

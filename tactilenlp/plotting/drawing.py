@@ -58,11 +58,11 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
     during = data.action == data.action[sample]
     contacts = carried_contacts(estimate, sample)
     for finger, (colour, points, normals, now) in enumerate(contacts):
-        path = estimate.seen_positions[:, finger] * MM_PER_M
-        axis.plot(*path[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
+        centres = estimate.seen_positions[:, finger] * MM_PER_M
+        axis.plot(*centres[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
         axis.add_patch(plt.Circle(
-            path[sample, :2], data.finger_radius[finger] * MM_PER_M, fc=(colour, 0.35),
-            ec=colour, zorder=5, label=f"finger {finger} and its contacts",
+            centres[sample, :2], data.finger_radius[finger] * MM_PER_M, ec=colour,
+            fc=(colour, 0.35), zorder=5, label=f"finger {finger} and its contacts",
         ))  # fmt: skip
         axis.quiver(*points[now, :2].T, *normals[now, :2].T, color=colour,
                     angles="xy", scale_units="xy", scale=1 / NORMAL_LENGTH,
