@@ -35,6 +35,7 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 
 from formulations import exploration
+from formulations.names import FINGER, GROUND, NORMAL_SCALE
 
 from ..common.validation import as_floats, is_whole
 from ..errors import OptionError, TactileError
@@ -112,7 +113,7 @@ def _time_step(kkt: KKTSystem, window, shape, H, s: int):
     now = columns[step.pose[s]]
     impulses = [
         problem.variables[name][:, np.nonzero(rows.step == s)[0]].indices.ravel()
-        for name, rows in (("finger", window.push), ("ground", window.corner))
+        for name, rows in ((FINGER, window.push), (GROUND, window.corner))
         if name in problem.variables
     ]
     inside = np.concatenate([now, *impulses])
@@ -140,7 +141,7 @@ def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:
     pose = np.full(problem.size, -1)
     x = problem.variables["x"]
     pose[x.span] = np.repeat(np.arange(x.columns), x.rows)
-    for name, rows in (("finger", window.push), ("ground", window.corner)):
+    for name, rows in ((FINGER, window.push), (GROUND, window.corner)):
         if name in problem.variables:
             v = problem.variables[name]
             pose[v.span] = np.repeat(window.step.pose[rows.step], v.rows)
@@ -156,7 +157,7 @@ def sum_of_samples(problem, solution, window, shape, by_last, by_theta=None):
     its boolean.
     """
     theta, x, n = solution.values["theta"], solution.values["x"], shape.theta
-    alpha, sigma_n = (_value(problem, name) for name in ("alpha", "normal scale"))
+    alpha, sigma_n = (_value(problem, name) for name in ("alpha", NORMAL_SCALE))
     information = sample_information(shape, window.motion, window.finger)
     k, total = n + len(x), np.zeros((n + len(x), n + len(x)))
     for samples, felt in ((window.touch, 1.0), (window.free, 0.0)):

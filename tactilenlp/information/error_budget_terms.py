@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formulations.names import BALL, GIVES, GROUND_GAP
+from formulations.names import BALL, FINGER, GIVES, GROUND_GAP
 from formulations.violation_implicit import BALANCE_SIGMA
 
 from ..geometry.convex_hull import SIGMA_INSIDE
@@ -175,9 +175,9 @@ def slips(kkt: KKTSystem, window) -> np.ndarray:
         met = points_in_body(before, slice(None), push.p_wf_1[:, :3])
         met = np.einsum("nij,nj->ni", matrices(now), met)
         slip = push.p_wf[:, :3] - now[:3].T - met
-    if "finger" in values and len(window.unseen):
-        lam_n = values["finger"][0, window.unseen]
-        loaded = lam_n > LOADED * kkt.problem.variables["finger"].scale[0]
+    if FINGER in values and len(window.unseen):
+        lam_n = values[FINGER][0, window.unseen]
+        loaded = lam_n > LOADED * kkt.problem.variables[FINGER].scale[0]
         slip[window.unseen[~loaded]] = 0.0
     return slip
 

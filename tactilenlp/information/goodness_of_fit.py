@@ -44,7 +44,7 @@ import numpy as np
 from scipy.special import polygamma, psi
 
 from formulations.between_actions import CAUCHY, GAP
-from formulations.names import FREE_TERM, TOUCH_TERM
+from formulations.names import FREE_TERM, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 from ..data.contact_segments import gaps_near_touches, lone_touches
 from .trajectory import moved_between, moved_farther
@@ -236,7 +236,7 @@ def _by_touch(cost, mean, variance, window, measurements) -> tuple:
 
 def states_touches(problem) -> bool:
     """Tell whether a page has the touch likelihood of likelihood.py."""
-    return TOUCH_TERM in problem.costs and "touch scale" in problem.parameters
+    return TOUCH_TERM in problem.costs and TOUCH_SCALE in problem.parameters
 
 
 def touch_misfit(problem, x, data, window, smoothing: float) -> Misfit:
@@ -263,7 +263,7 @@ def touch_moments(problem, data, window, smoothing: float):
     """Return mean and variance [nats, nats^2] of the cost of every touch (touches,)."""
     sigma, sigma_n = (
         float(data[problem.parameters[name].span][0])
-        for name in ("touch scale", "normal scale")
+        for name in (TOUCH_SCALE, NORMAL_SCALE)
     )
     off = np.hypot(sigma, window.touch.latency)
     turned = np.hypot(sigma_n, window.touch.latency / window.touch.radius)

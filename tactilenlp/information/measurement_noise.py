@@ -24,7 +24,12 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
-from formulations.names import INDENTATION
+from formulations.names import (
+    DEPTH_OF_TOUCH,
+    INDENTATION,
+    NORMAL_SCALE,
+    TOUCH_SCALE,
+)
 
 from ..data.sensor_noise import RAYLEIGH_MEDIAN, smoothing_matrices
 from ..errors import PageError
@@ -179,7 +184,7 @@ def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     k, data, precision = len(by_position), job.data, job.precision
     touch, normal = (
         float(kkt.data[parameters[name].span][0]) if name in parameters else 0.0
-        for name in ("touch scale", "normal scale")
+        for name in (TOUCH_SCALE, NORMAL_SCALE)
     )
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
@@ -222,7 +227,7 @@ def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
         inside = kkt.problem.value(INDENTATION, kkt.x, kkt.data)
         gap = gap + inside[:, 0]
     else:  # compliance that is estimated may stand for another error of the fingers
-        gap = gap + np.ravel(values.get("depth", 0.0))[0]
+        gap = gap + np.ravel(values.get(DEPTH_OF_TOUCH, 0.0))[0]
     off = []
     for samples, finger in touches(window, data):
         mine = (touch.finger == finger) & np.isin(touch.sample, samples)
