@@ -97,12 +97,12 @@ def nuisances_in_words(estimate) -> Iterator[str]:
 
 def size_of(estimate) -> str:
     """Return the size of the body, with standard deviations."""
-    if "vertices" in estimate.information.maps:
-        return _size_of_hull(estimate)
     if has_sides(estimate):
         sigma = MM_PER_M * estimate.information.sigma("side_lengths")
         sides = zip(MM_PER_M * estimate.theta, sigma, strict=True)
         return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
+    if "vertices" in estimate.information.maps or estimate.shape == "cuboid":
+        return _size_of_hull(estimate)
     return ", ".join(map(" ".join, named_sizes(estimate)))
 
 
