@@ -7,12 +7,13 @@ import signal
 import sys
 import time
 
+from tactilenlp.common.validation import check_range
 from tactilenlp.errors import TactileError
 
 from .assemble import COMPLETE, RATE, SHARES, assemble, examine
 from .bench import Bench
 from .bus_files import FORMATS
-from .ranges import check_range
+from .errors import LimitError
 from .recording import Recording
 from .replay import Replay
 from .rig import Rig
@@ -69,7 +70,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _record(options: argparse.Namespace) -> int:
-    check_range("--seconds", min(options.seconds, FOREVER), 0.0, FOREVER, "s")
+    check_range(
+        "--seconds", min(options.seconds, FOREVER), 0.0, FOREVER, "s", LimitError
+    )
     rig = Rig.load(options.rig)
     began = time.monotonic()
     with (
@@ -94,7 +97,7 @@ def _record(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     recording = Recording(options.folder)
-    check_range("--complete", options.complete, *SHARES, "")
+    check_range("--complete", options.complete, *SHARES, "", LimitError)
     report = examine(recording.fingers(), options.rate)
     print(report)
     good = min(report.valid.values()) >= options.complete
@@ -116,7 +119,7 @@ def _assemble(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    check_range("--wait", options.wait, 0.0, 3600.0, "s")
+    check_range("--wait", options.wait, 0.0, 3600.0, "s", LimitError)
     config = None
     if options.interface:
 

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.common.validation import check_range
 from tactilenlp.data.measurements import Measurements
 
-from .errors import ClockError, CompletenessError
-from .ranges import check_range
+from .errors import ClockError, CompletenessError, LimitError
 from .streams import FingerStreams, Stream, StreamReport
 
 RATES = 1.0, 1000.0  # [Hz] of the grid
@@ -115,7 +115,7 @@ def _report(fingers: Sequence[FingerStreams], time: np.ndarray, parts: list) -> 
 
 
 def _judge(report: Report, parked: Collection[str], complete: float) -> None:
-    check_range("assemble, complete", complete, *SHARES, "")
+    check_range("assemble, complete", complete, *SHARES, "", LimitError)
     for name, share in report.valid.items():
         if name not in parked and share < complete:
             raise CompletenessError(
@@ -132,7 +132,7 @@ def _grid(
     fingers: Sequence[FingerStreams], rate: float, start: float, end: float
 ) -> np.ndarray:
     """Return the sample times (T,) [s] of the host."""
-    check_range("assemble, rate", rate, *RATES, "Hz")
+    check_range("assemble, rate", rate, *RATES, "Hz", LimitError)
     ranges = [(s.time[0], s.time[-1]) for one in fingers for s in one.boards]
     touch = [one.touch.time - one.latency for one in fingers]
     ranges += [(t[0], t[-1]) for t in touch]

@@ -15,8 +15,9 @@ from typing import Protocol
 
 import numpy as np
 
+from tactilenlp.common.validation import check_range, check_whole, numbers_of
+
 from .errors import ClockError
-from .ranges import check_range, check_whole, floats
 
 log = logging.getLogger(__name__)
 LARGEST_DRIFT = 1e-3  # [1]; quartz drifts by 1e-4 at most; larger: wrong unit
@@ -145,8 +146,8 @@ class ClockMap:
         transport is not observable and stays in the map.  Raises ClockError for fewer
         than two times, times that run backwards, and a drift beyond 1e-3.
         """
-        device = floats("device", device, (None,), ClockError)
-        host = floats("host", host, (None,), ClockError)
+        device = numbers_of("device", device, ClockError, "n")
+        host = numbers_of("host", host, ClockError, "n")
         check_range("unit", unit, 1e-12, 1e9, "s", ClockError)
         _check(device, host)
         unit = float(unit)
@@ -175,7 +176,7 @@ def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
     Gaps shorter than half the range are resolved; a step of 1 means no sample is lost.
     """
     check_whole("bits", bits, 1, 62, ClockError)
-    values, size = floats("counter", counter, (None,), ClockError), 1 << bits
+    values, size = numbers_of("counter", counter, ClockError, "n"), 1 << bits
     if values.size and not (values.min() >= 0 and values.max() < size):
         raise ClockError(
             "no such counter", got=values.max(), expected=f"{bits} unsigned bits"

@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from tactilenlp.common.validation import is_rotation
+
 from .errors import ClockError, RecordingError
 
 log = logging.getLogger(__name__)
@@ -167,11 +169,9 @@ def _given(matrix: np.ndarray) -> np.ndarray:
 
 
 def _rigid(matrix: np.ndarray) -> bool:
-    R = matrix[:3, :3]
     if not np.isfinite(matrix).all() or not np.allclose(matrix[3], [0, 0, 0, 1]):
         return False
-    unit = np.abs(R.T @ R - np.eye(3)).max() < ROTATION_TOLERANCE
-    return bool(unit and np.linalg.det(R) > 0)
+    return is_rotation(matrix[:3, :3], ROTATION_TOLERANCE)
 
 
 def _nothing(time: np.ndarray) -> Poses:

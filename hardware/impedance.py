@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactilenlp.common.validation import check_range, check_whole, numbers_of
 from tactilenlp.errors import typed_call
 
 from .errors import LimitError
 from .kinematics import Finger
-from .ranges import check_range, check_ranges, check_whole, floats
+from .ranges import check_ranges
 
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
@@ -59,8 +60,8 @@ class Gains:
         try:
             for name, most, unit in parts:
                 check_ranges(f"Gains.{name}", getattr(self, name), 3, 0.0, most, unit)
-            check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m")
-            check_range("Gains.weight", self.weight, 0.0, 2.0, "")
+            check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m", LimitError)
+            check_range("Gains.weight", self.weight, 0.0, 2.0, "", LimitError)
         except LimitError as bad:
             raise LimitError("no gains", got=bad) from bad
 
@@ -137,10 +138,10 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("joint_speed", "top_speed", "approach"):
             speed = getattr(self, name)
-            check_range(f"Limits.{name}", speed, SLOWEST, FASTEST, "rad/s")
-        check_range("Limits.lowest", self.lowest, 0.0, 1.0, "m")
-        check_range("Limits.margin", self.margin, 0.0, 0.5, "rad")
-        check_range("Limits.longest", self.longest, 0.01, 3600.0, "s")
+            check_range(f"Limits.{name}", speed, SLOWEST, FASTEST, "rad/s", LimitError)
+        check_range("Limits.lowest", self.lowest, 0.0, 1.0, "m", LimitError)
+        check_range("Limits.margin", self.margin, 0.0, 0.5, "rad", LimitError)
+        check_range("Limits.longest", self.longest, 0.01, 3600.0, "s", LimitError)
 
     def check_path(
         self, name: str, finger: Finger, angles: np.ndarray, dt: float, begun=np.inf
@@ -150,9 +151,9 @@ class Limits:
         begun: [m], height of the tip's surface at the start: a finger that is below
         `lowest` there may move up, but no lower.
         """
-        angles = floats(f"{name}, angles", angles, (None, 3), LimitError)
+        angles = numbers_of(f"{name}, angles", angles, LimitError, "n", 3)
         check_whole(f"{name}, rows of angles", len(angles), 1, MOST_ROWS, LimitError)
-        check_range(f"{name}, sample interval", dt, 1e-9, self.longest, "s")
+        check_range(f"{name}, sample interval", dt, 1e-9, self.longest, "s", LimitError)
         outside = ~((angles >= finger.lower) & (angles <= finger.upper))
         if outside.any():
             step, joint = np.argwhere(outside)[0].tolist()

@@ -23,10 +23,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactilenlp.common.validation import check_one_of, check_range, numbers_of
 from tactilenlp.errors import typed_call
 
 from .errors import LimitError, ReachError, RigError
-from .ranges import check_range, check_ranges, floats
+from .ranges import check_ranges
 
 ROUNDING = 1e-12  # [1], a cosine this far above one is one
 EDU_AXES = ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))  # rows a0, a1, a2
@@ -93,7 +94,7 @@ class Finger:
 
     def forward(self, angles: np.ndarray) -> np.ndarray:
         """Return the tip (..., 3) [m] in the world at joint angles (..., 3) [rad]."""
-        angles = floats("angles", angles, (..., 3), LimitError)
+        angles = numbers_of("angles", angles, LimitError, ..., 3)
         planar, depth = self._planar(angles)
         s0, c0 = np.sin(angles[..., 0]), np.cos(angles[..., 0])
         across = self.across
@@ -102,7 +103,7 @@ class Finger:
 
     def rotation(self, angles: np.ndarray) -> np.ndarray:
         """Return R_wt (..., 3, 3) from tip to world; at zero angles R_wb."""
-        angles = floats("angles", angles, (..., 3), LimitError)
+        angles = numbers_of("angles", angles, LimitError, ..., 3)
         R_bt = _about(self.axes[0], angles[..., 0]) @ _about(
             self.axes[1], angles[..., 1] + angles[..., 2]
         )
@@ -110,7 +111,7 @@ class Finger:
 
     def jacobian(self, angles: np.ndarray) -> np.ndarray:
         """Return dp/dq (..., 3, 3) [m/rad], the tip in the world by joint angles."""
-        angles = floats("angles", angles, (..., 3), LimitError)
+        angles = numbers_of("angles", angles, LimitError, ..., 3)
         planar, depth = self._planar(angles)
         q0, q12 = angles[..., 0], angles[..., 1] + angles[..., 2]
         s0, c0, zero = np.sin(q0), np.cos(q0), np.zeros_like(q0)
@@ -123,7 +124,7 @@ class Finger:
 
     def turning(self, angles: np.ndarray) -> np.ndarray:
         """Return the axes of the joints (..., 3, 3), columns, in the world."""
-        angles = floats("angles", angles, (..., 3), LimitError)
+        angles = numbers_of("angles", angles, LimitError, ..., 3)
         a0, a1 = np.array(self.axes[:2])
         bent = _about(self.axes[0], angles[..., 0]) @ a1
         columns = [np.broadcast_to(a0, bent.shape), bent, bent]
@@ -135,7 +136,7 @@ class Finger:
         Of the four solutions the one with the hand below its base and the elbow bent
         as in the working pose (q2 <= 0).  Raises ReachError where there is none.
         """
-        p_w = floats("position", position, (..., 3), ReachError)
+        p_w = numbers_of("position", position, ReachError, ..., 3)
         p_m = (p_w - self.base_position) @ self._R_wm
         planar = p_m[..., 0] - self.along
         square = p_m[..., 1] ** 2 + p_m[..., 2] ** 2 - self.across**2
@@ -204,9 +205,7 @@ def finger(robot: str = "edu_dair", degrees: float = 0.0) -> Finger:
 
     Stock robots have fingers at 0, 120 and 240 degrees, the paper's at 0 and 180.
     """
-    if not isinstance(robot, str) or robot not in ROBOTS:
-        expected, fix = f"one of {list(ROBOTS)}", "or construct a Finger"
-        raise RigError("no such robot", got=robot, expected=expected, next=fix)
+    check_one_of("robot", robot, ROBOTS, "no such robot", RigError)
     check_range("degrees", degrees, -360.0, 360.0, "deg", RigError)
     return replace(ROBOTS[robot], angle=math.radians(degrees))
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 import can
 import numpy as np
 
+from tactilenlp.common.validation import check_kind
 from tactilenlp.errors import typed_call
 
 from . import motor_can as codec
@@ -22,7 +23,7 @@ from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, RigError, StaleStreamError
 from .motor_can import Command, Content, Pair, Quantity, Status
 from .motor_stop import stop_boards
-from .ranges import check_age, check_kind
+from .ranges import check_age
 
 log = logging.getLogger(__name__)
 STALE = 0.1  # [s] without a position: 100 frames of a healthy board

@@ -28,11 +28,10 @@ from itertools import chain
 import can
 import numpy as np
 
-from tactilenlp.common.validation import as_number
+from tactilenlp.common.validation import as_number, check_one_of, check_whole
 from tactilenlp.errors import shortened
 
 from .errors import BusError, FrameError
-from .ranges import check_whole
 
 ONE = 1 << 24  # counts per unit of a Q24 number
 RESOLUTION = 1 / ONE  # [unit of the value]
@@ -173,13 +172,9 @@ def encode(content: Content, timestamp: float = 0.0) -> can.Message:
 
 def encode_command(command: Command, value: int) -> can.Message:
     """Return the frame of a command: value in the low word, not Q24."""
-    check_whole("command", command, 0, 255, FrameError)
-    try:
-        order = Command(command)
-    except ValueError as bad:
-        expected = f"one of {[int(c) for c in Command]}"
-        raise FrameError("no command", got=int(command), expected=expected) from bad
-    return encode(Order(order, value))
+    known = [int(c) for c in Command]
+    check_one_of("command", command, known, "no command", FrameError)
+    return encode(Order(Command(command), value))
 
 
 def encode_current(motor_1: float, motor_2: float) -> can.Message:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from tactilenlp.common.validation import as_number
+from tactilenlp.common.validation import as_number, check_range
 from tactilenlp.errors import shortened
 
 from .errors import BoardError, LimitError
 from .motor_can import Fault, Order, Reference, Status
-from .ranges import check_range
 
 LARGEST_CURRENT = 2.2  # [A] of TriFingerPro: no bound may be larger
 LONGEST_TIMEOUT = 10.0  # [s]
@@ -37,7 +36,7 @@ def check_state(
 
 def check_current(bound: float, name: str) -> None:
     """Raise LimitError unless this may bound the currents [A] of a board."""
-    check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A")
+    check_range(f"{name}, max_current", bound, 0.0, LARGEST_CURRENT, "A", LimitError)
 
 
 def check_command(name: str, current: object, most: float) -> None:
@@ -55,5 +54,7 @@ def check_command(name: str, current: object, most: float) -> None:
 def milliseconds(name: str, timeout: float) -> int:
     """Return a time-out [s] in ms; one that rounds to 0 (never) is refused."""
     least = 0.0 if timeout == 0 else 1e-3
-    check_range(f"{name}, time-out", timeout, least, LONGEST_TIMEOUT, "s (0: never)")
+    check_range(
+        f"{name}, time-out", timeout, least, LONGEST_TIMEOUT, "s (0: never)", LimitError
+    )
     return round(1e3 * timeout)

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactilenlp.common.validation import is_whole
+from tactilenlp.common.validation import check_range, is_whole, numbers_of
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
 from .errors import BoardError, LimitError, RigError
 from .motor_board import RECEIVE_TIMEOUT, MotorBoard
 from .motor_stop import stop_boards
-from .ranges import check_range, check_ranges, floats
+from .ranges import check_ranges
 
 READY = 10.0  # [s], alignment after power-up takes a few seconds
 POLL = 0.01  # [s]
@@ -104,11 +104,11 @@ class JointMap:
 
 
 def _motors(where: str, values: object) -> np.ndarray:
-    return floats(f"JointMap, {where}", values, (..., 2, 2), LimitError)
+    return numbers_of(f"JointMap, {where}", values, LimitError, ..., 2, 2)
 
 
 def _angles(where: str, values: object) -> np.ndarray:
-    return floats(f"JointMap, {where}", values, (..., 3), LimitError)
+    return numbers_of(f"JointMap, {where}", values, LimitError, ..., 3)
 
 
 def start_motors(
@@ -123,7 +123,7 @@ def start_motors(
     Raises BoardError for a fault, where alignment takes longer than `patience` [s], and
     where a board is stopped meanwhile; all boards are stopped then.
     """
-    check_range("start_motors, patience", patience, POLL, 600.0, "s")
+    check_range("start_motors, patience", patience, POLL, 600.0, "s", LimitError)
     try:
         for board in boards:
             board.start()

@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from tactilenlp.common.validation import check_kind, check_range, check_whole
 from tactilenlp.errors import typed_call
 
 from .errors import FrameError, RigError
 from .hodge import Hodge
 from .optical_flow import AGREE, Flow, grey, opencv
-from .ranges import check_kind, check_range, check_ranges, check_whole, rotation
+from .ranges import check_ranges, rotation
 from .touch import DOWN, LONGEST_REST, Hysteresis, Touch
 
 NARROWEST, WIDEST = 8.0, 10_000.0  # [px] of a lens in a picture

@@ -16,6 +16,8 @@ from operator import itemgetter
 
 import can
 
+from tactilenlp.common.validation import check_range
+
 from .can_bus import lost, open_bus
 from .clock import Clock, HostClock
 from .errors import HardwareError
@@ -23,6 +25,7 @@ from .recording import Recording
 from .rig import CAMERA, ON_CAN, Rig, stream_name
 
 CHANNELS = "239.74.163.{}"  # multicast addresses that are not assigned
+REPLAY_SPEEDS = 1e-6, 1000.0  # [1], as fast as recorded
 Event = tuple[float, Callable[[], None]]  # when [s], and what sends it
 
 
@@ -77,8 +80,7 @@ class Replay(AbstractContextManager):
 
         speed: [1], 2 is twice as fast as recorded.
         """
-        if not 0 < speed <= 1000:
-            raise HardwareError("no speed", got=speed, expected="0 to 1000")
+        check_range("speed", speed, *REPLAY_SPEEDS, "", HardwareError)
         begin, first, count = self.clock.now(), None, 0
         for time, send in heapq.merge(*self._events, key=itemgetter(0)):
             first = time if first is None else first

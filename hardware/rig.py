@@ -10,6 +10,12 @@ import os
 from dataclasses import asdict, dataclass, field, replace
 from inspect import signature
 
+from tactilenlp.common.validation import (
+    check_kind,
+    check_one_of,
+    check_range,
+    check_whole,
+)
 from tactilenlp.common.whole_file import opened, write_whole
 from tactilenlp.errors import typed_call
 
@@ -18,7 +24,7 @@ from .errors import FrameError, RigError, translated
 from .frames import Camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
-from .ranges import check_kind, check_range, check_ranges, check_whole
+from .ranges import check_ranges
 from .serial_reader import OptoForceCan, SerialTactile
 from .serial_tactile import (
     SPEEDS,
@@ -66,25 +72,14 @@ class Tactile:
     latency: float = 0.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in KINDS:
-            raise RigError(
-                "no such sensor",
-                where="tactile.kind",
-                got=self.kind,
-                expected=f"one of {list(KINDS)}",
-            )
+        check_one_of("tactile.kind", self.kind, KINDS, "no such sensor", RigError)
         check_kind("tactile.source", self.source, (str, int), RigError)
         for name in ("can", "touch", "camera"):
             check_kind(f"tactile.{name}", getattr(self, name), dict, RigError)
         check_whole("tactile.speed", self.speed, 1, FASTEST_SENSOR, RigError)
-        if self.kind.startswith("optoforce") and not SPEEDS.get(self.speed):
-            rates = sorted(speed for speed, period in SPEEDS.items() if period)
-            raise RigError(
-                "no such rate",
-                where="tactile.speed",
-                got=self.speed,
-                expected=f"one of {rates} Hz",
-            )
+        if self.kind.startswith("optoforce"):
+            rates, told = sorted(SPEEDS.keys() - {0}), ("no such rate", RigError, "Hz")
+            check_one_of("tactile.speed", self.speed, rates, *told)
         _check_camera(self.camera)
         check_range("tactile.latency", self.latency, 0.0, 1.0, "s", RigError)
 

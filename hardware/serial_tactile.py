@@ -22,7 +22,7 @@ from typing import NamedTuple
 import can
 import numpy as np
 
-from tactilenlp.errors import shortened
+from tactilenlp.common.validation import check_kind, check_one_of, check_whole
 
 from .errors import FrameError
 
@@ -35,6 +35,7 @@ FILTERS = {0: 0, 500: 1, 150: 2, 50: 3, 15: 4, 5: 5, 1.5: 6}  # [Hz] -> code
 WRAP = 1 << 16  # counts of the sample counter
 RESTART = WRAP // 2  # a larger gap is a restart of the sensor
 DELIMITER = b"\r\n"
+MOST_CHIPS = 1000  # magnetometers of one skin
 WORD = 4  # [bytes] of a float32; four words a magnetometer
 
 
@@ -140,10 +141,7 @@ class AnySkinFramer:
     """
 
     def __init__(self, magnetometers: int = 5) -> None:
-        if magnetometers < 1:
-            raise FrameError(
-                "no sensor", where="magnetometers", got=magnetometers, expected=">= 1"
-            )
+        check_whole("magnetometers", magnetometers, 1, MOST_CHIPS, FrameError)
         self.good = self.broken = self.lost = self.skipped = 0
         size = 4 * WORD * magnetometers
         pattern = rb"%b(.{%d})(?=%b)" % (DELIMITER, size, DELIMITER)
@@ -207,13 +205,8 @@ def encode_configuration(
     filter: 0 (none), 1.5, 5, 15, 50, 150 or 500 Hz
     """
     for name, value, known in (("speed", speed, SPEEDS), ("filter", filter, FILTERS)):
-        if not isinstance(value, int | float) or value not in known:
-            expected = f"one of {sorted(known)} Hz"
-            got = shortened(value, most=80)
-            raise FrameError("no such rate", where=name, got=got, expected=expected)
-    if not isinstance(zero, bool):
-        got = shortened(zero, most=80)
-        raise FrameError("no choice", where="zero", got=got, expected="True or False")
+        check_one_of(name, value, sorted(known), "no such rate", FrameError, "Hz")
+    check_kind("zero", zero, bool, FrameError)
     codes = bytes([SPEEDS[speed], FILTERS[filter], 255 if zero else 0])
     return CONFIGURE + codes + sum(CONFIGURE + codes).to_bytes(2, "big")
 

@@ -23,13 +23,13 @@ from pathlib import Path
 import can
 import numpy as np
 
+from tactilenlp.common.validation import check_kind, check_one_of
 from tactilenlp.common.whole_file import write_whole
 from tactilenlp.errors import FileError, typed_call
 
 from .bus_files import FORMATS, BusFile
 from .errors import RecordingError
 from .frames import NATURAL
-from .ranges import check_kind
 from .rig import Rig
 
 FORMAT = 1
@@ -50,14 +50,11 @@ class Tape:
     def __init__(self, folder: str | Path, rig: Rig, bus: str = "blf") -> None:
         check_kind("folder", folder, (str, os.PathLike), RecordingError)
         check_kind("rig", rig, Rig, RecordingError)
+        check_one_of("bus", bus, FORMATS, "no such format", RecordingError)
         self.folder, self.rig, self.bus = Path(folder), rig, bus
         self.counts: dict[str, int] = {}
         self._close: list[Callable[[], None]] = []
         self._started = time.time()
-        if not isinstance(bus, str) or bus not in FORMATS:
-            raise RecordingError(
-                "no such format", where="bus", got=bus, expected=f"one of {FORMATS}"
-            )
 
     def __enter__(self) -> Tape:
         if (self.folder / MANIFEST).exists():

@@ -13,11 +13,16 @@ from typing import Protocol
 
 import numpy as np
 
-from tactilenlp.common.validation import as_number
+from tactilenlp.common.validation import (
+    as_number,
+    check_range,
+    check_whole,
+    numbers_of,
+)
 from tactilenlp.errors import shortened, typed_call
 
 from .errors import FrameError, SensorError
-from .ranges import check_range, check_ranges, check_whole, floats, rotation
+from .ranges import check_ranges, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
 LARGEST = 1e12  # [unit of a strength], beyond any sensor
@@ -85,7 +90,7 @@ class Hysteresis:
 
         least: the smallest allowed `on`, in the unit of the sensor.
         """
-        quiet = floats("quiet", quiet, (None,), FrameError)
+        quiet = numbers_of("quiet", quiet, FrameError, "n")
         check_range("least", least, 0.0, LARGEST, "", FrameError)
         if quiet.size < 2 or not np.isfinite(quiet).all():
             expected, fix = "two finite strengths or more", "record without contact"

@@ -14,16 +14,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tactilenlp.common.validation import check_range
 from tactilenlp.data.measurements import Measurements
 
 from .assemble import COMPLETE, assemble
 from .bench import TOUCH_STALE, Bench, FingerBench
 from .clock import HostClock
-from .errors import ClockError, HardwareError
+from .errors import ClockError, HardwareError, LimitError
 from .impedance import Gains, Limits
 from .motor_board import RECEIVE_TIMEOUT, STALE
 from .paths import PEAK, row_of, tip_paths, way_back, way_there
-from .ranges import check_range
 
 CONTROL = 250.0  # [Hz] of commands
 CONTROLS = 50.0, 2000.0  # [Hz], between which it may be
@@ -61,8 +61,8 @@ class RobotWorld:
     ) -> None:
         self.bench, self.clock = bench, bench.clock
         self.gains, self.limits = gains or Gains(), limits or Limits()
-        check_range("RobotWorld.control", control, *CONTROLS, "Hz")
-        check_range("RobotWorld.complete", complete, 0.0, 1.0, "")
+        check_range("RobotWorld.control", control, *CONTROLS, "Hz", LimitError)
+        check_range("RobotWorld.complete", complete, 0.0, 1.0, "", LimitError)
         self.control, self.complete = control, complete
         for one in bench.rig.fingers:
             needs = one.joints.newton_metres

@@ -114,7 +114,7 @@ def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
             got += os.read(port, 4096)
         assert got == whole
         os.close(port)
-        with pytest.raises(HardwareError, match="no speed"):
+        with pytest.raises(HardwareError, match="speed: out of range"):
             replay.run(speed=0)
 
 

@@ -44,12 +44,31 @@ def as_floats(value) -> np.ndarray:
         return array.astype(float)
 
 
-def numbers_of(where: str, value, error=OptionError) -> np.ndarray:
-    """Return a value as an array of floats, NaN and infinity as well; else `error`."""
-    if (array := as_array(value)) is None:
-        expected = "a number or an array of numbers"
-        raise error("no numbers", where=where, got=_short(value), expected=expected)
-    return array.astype(float)
+def numbers_of(
+    where: str, value, error=OptionError, *shape, unit: str = "", next: str = "",
+    finite: bool = False,
+) -> np.ndarray:  # fmt: skip
+    """Return a value as floats of this shape, by default of any, or raise `error`.
+
+    shape: sizes; a word stands for any size, `...` in front for any axes of any size.
+    NaN and infinity are numbers, unless `finite`.
+    """
+    array, shape = as_floats(value), shape or (...,)
+    any_axes = shape[0] is ...
+    sizes = shape[any_axes:]
+    tail = array.shape[array.ndim - len(sizes) :] if any_axes else array.shape
+    fit = len(tail) == len(sizes)
+    fit &= all(isinstance(n, str) or n == m for n, m in zip(sizes, tail, strict=False))
+    known = np.isfinite(array).all() if finite else as_array(value) is not None
+    if fit and known:
+        return array
+    words = ", ".join("..." if n is ... else str(n) for n in shape)
+    words = f"({words}{',' * (len(shape) == 1)}) {'finite ' * finite}numbers {unit}"
+    raise error(
+        "not an array of this shape" if sizes else "no numbers", where=where,
+        got=_short(value) if fit or array.ndim < 2 else f"shape {array.shape}",
+        expected=words.rstrip(), next=next,
+    )  # fmt: skip
 
 
 def as_number(value) -> float:
@@ -68,20 +87,21 @@ def is_whole(value) -> bool:
 
 
 def check_types(**given) -> None:
-    """Raise OptionError unless every name=(value, type) is of its type.
-
-    type: a class, the name of a class that cannot be imported here, or a tuple.
-    """
+    """Raise OptionError unless every name=(value, type) is of its type, see below."""
     for name, (value, kind) in given.items():
-        kinds = kind if isinstance(kind, tuple) else (kind,)
-        if not any(_is(value, k) for k in kinds):
-            names = [getattr(k, "__name__", str(k)) for k in kinds]
-            said = ["None" if n == "NoneType" else f"{n}(...)" for n in names]
-            expected = " or ".join(said)
-            raise OptionError(
-                "wrong type", where=name, got=_short(value), expected=expected,
-                next=_reader(value, kinds),
-            )  # fmt: skip
+        check_kind(name, value, kind)
+
+
+def check_kind(where: str, value, kind, error=OptionError, next: str = "") -> None:
+    """Raise `error` unless a value is of a type.
+
+    kind: a class, the name of a class that cannot be imported here, or a tuple.
+    """
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    if not any(_is(value, k) for k in kinds):
+        expected = " or ".join(map(_word, kinds))
+        parts = {"where": where, "got": _short(value), "expected": expected}
+        raise error("wrong type", next=next or _reader(value, kinds), **parts)
 
 
 def check_path(path) -> None:
@@ -105,31 +125,55 @@ def check_numbers(where: str, expected: str, **given) -> None:
             )  # fmt: skip
 
 
+def check_range(
+    where: str, value, low: float, high: float, unit: str = "", error=OptionError,
+    next: str = "",
+) -> None:  # fmt: skip
+    """Raise `error` unless a value is one finite number from low to high [unit].
+
+    Booleans, words and arrays are no numbers here.
+    """
+    if not low <= as_number(value) <= high:
+        expected = f"a finite number from {low:g} to {high:g} {unit}".rstrip()
+        parts = {"where": where, "got": _short(value), "expected": expected}
+        raise error("out of range", next=next, **parts)
+
+
+def check_whole(
+    where: str, value, low: int, high: int, error=OptionError, what="out of range"
+) -> None:
+    """Raise `error` unless a value is one whole number from low to high."""
+    if not (is_whole(value) and low <= value <= high):
+        expected = f"a whole number from {low} to {high}"
+        raise error(what, where=where, got=_short(value), expected=expected)
+
+
+def check_one_of(
+    where: str, value, known, what: str, error=OptionError, unit: str = ""
+) -> None:
+    """Raise `error` unless a value is one of the words or numbers that are known."""
+    plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
+    if not (plain and value in known):
+        expected = f"one of {[*known]} {unit}".rstrip()
+        raise error(what, where=where, got=_short(value), expected=expected)
+
+
 def check_sample(sample, samples: int, name: str = "sample") -> None:
     """Raise OptionError unless `sample` is an integer index into so many samples."""
-    if not (is_whole(sample) and -samples <= sample < samples):
-        raise OptionError(
-            f"no such {name}", where=name, got=_short(sample),
-            expected=f"a whole number from {-samples} to {samples - 1}",
-        )  # fmt: skip
+    check_whole(name, sample, -samples, samples - 1, what=f"no such {name}")
 
 
-def checked_array(where: str, value, *shape: int, unit: str) -> np.ndarray:
-    """Return the value as finite floats of this shape, or raise OptionError.
+def checked_array(where: str, value, *shape, unit: str) -> np.ndarray:
+    """Return the value as finite floats of this shape, or raise OptionError."""
+    return numbers_of(where, value, OptionError, *shape, unit=unit, finite=True)
 
-    shape: sizes; -1 in front stands for any number of axes of any size.
-    """
-    array = as_floats(value)
-    tail = shape[1:] if shape[0] == -1 else shape
-    fit = array.ndim >= len(tail) if shape[0] == -1 else array.ndim == len(shape)
-    found = array.shape[array.ndim - len(tail) :]
-    if fit and np.isfinite(array).all() and found == tail:
-        return array
-    words = ", ".join("..." if n == -1 else str(n) for n in shape)
-    raise OptionError(
-        "not an array of this shape", where=where, got=_short(value),
-        expected=f"({words}{',' * (len(shape) == 1)}) finite numbers {unit}".strip(),
-    )  # fmt: skip
+
+def is_rotation(R: np.ndarray, tolerance: float) -> bool:
+    """Tell whether floats are a rotation matrix (3, 3), R R' = 1 within a tolerance."""
+    if R.shape != (3, 3) or not np.isfinite(R).all():
+        return False
+    off = abs(R @ R.T - np.eye(3)).max()
+    return bool(off <= tolerance and np.linalg.det(R) > 0)
 
 
 def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
@@ -158,7 +202,14 @@ def _reader(value, kinds) -> str:
 def _is(value, kind) -> bool:
     if isinstance(kind, str):
         return any(base.__name__ == kind for base in type(value).__mro__)
-    return isinstance(value, kind)
+    return isinstance(value, kind) and not (kind is int and isinstance(value, bool))
+
+
+def _word(kind) -> str:
+    """Return how a class is written: those of Python by their names alone."""
+    name = getattr(kind, "__name__", str(kind))
+    of_python = getattr(kind, "__module__", "") == "builtins"
+    return "None" if name == "NoneType" else name if of_python else f"{name}(...)"
 
 
 def _short(value) -> str:

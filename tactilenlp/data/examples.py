@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from ..errors import OptionError
+from ..common.validation import check_one_of
 
 RECORDINGS = ("cuboid", "polytope", "tosses")
 
@@ -18,8 +18,5 @@ def example_recording(name: str = "cuboid") -> Path:
     "tosses": a cube tossed four times; load it by `Trajectories.load`.  Raises
     OptionError for another name.
     """
-    if not isinstance(name, str) or name not in RECORDINGS:
-        raise OptionError(
-            "no such recording", where="name", got=name, expected=f"one of {RECORDINGS}"
-        )
+    check_one_of("name", name, RECORDINGS, "no such recording")
     return Path(str(files("tactilenlp.data") / "recordings" / f"{name}.npz"))

@@ -82,17 +82,17 @@ class Ground:
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return the signed distance (...) [m] of world points (..., 3) [m]."""
-        points = checked_array("points", points, -1, 3, unit="[m]")
+        points = checked_array("points", points, ..., 3, unit="[m]")
         return points @ np.array(self.normal) - self.height
 
     def to_ground(self, points: np.ndarray) -> np.ndarray:
         """Map points (..., 3) [m] from the world to the ground frame."""
-        points = checked_array("points", points, -1, 3, unit="[m]")
+        points = checked_array("points", points, ..., 3, unit="[m]")
         return (points - self.origin) @ self.rotation.T
 
     def from_ground(self, points: np.ndarray) -> np.ndarray:
         """Map points (..., 3) [m] from the ground frame back to the world."""
-        points = checked_array("points", points, -1, 3, unit="[m]")
+        points = checked_array("points", points, ..., 3, unit="[m]")
         return points @ self.rotation + self.origin
 
     def point(self, place: np.ndarray, distance: float = 0.0) -> np.ndarray:

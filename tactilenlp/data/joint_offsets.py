@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.brief import printed
-from ..common.validation import as_array, as_floats
-from ..errors import SceneError, shortened, typed_call
+from ..common.validation import as_floats, numbers_of
+from ..errors import SceneError, typed_call
+from .ground import scene_number
 
 LARGEST_JOINT_SIGMA = 0.35  # [rad], 20 degrees: a larger one was given in degrees
 JOINT_LAYOUT = {  # of each finger
@@ -48,18 +49,18 @@ class JointZeros:
     change: tuple
 
     def __post_init__(self) -> None:
-        sigma = as_array(self.sigma, "iuf")
-        single = sigma is not None and sigma.ndim == 0
-        if not (single and 0 < sigma < LARGEST_JOINT_SIGMA):
-            raise SceneError(
-                "not a standard deviation of an angle",
-                where="JointZeros.sigma", got=shortened(self.sigma, most=80),
-                expected=f"one number above 0 and below {LARGEST_JOINT_SIGMA} rad",
-                next="give radians: np.deg2rad(1.0) is one degree",
+        expected = f"one number above 0 and below {LARGEST_JOINT_SIGMA} rad"
+        limits = np.nextafter(0.0, 1.0), LARGEST_JOINT_SIGMA
+        fix = "give radians: np.deg2rad(1.0) is one degree"
+        sigma = scene_number("JointZeros.sigma", self.sigma, expected, *limits, fix)
+        object.__setattr__(self, "sigma", sigma)
+        for name, (shape, unit) in JOINT_LAYOUT.items():
+            array = numbers_of(
+                f"JointZeros.{name}", getattr(self, name), SceneError,
+                max(self.fingers, 1), *shape, finite=True,
+                unit=f"{unit}, of as many fingers as place",
+                next="stack the arrays of all fingers",
             )  # fmt: skip
-        object.__setattr__(self, "sigma", float(sigma))
-        for name in JOINT_LAYOUT:
-            array = _numbers(name, getattr(self, name), self.fingers)
             object.__setattr__(self, name, _tuples(array.tolist()))
         if (np.linalg.cond(self._J) > 1e6).any():
             raise SceneError(
@@ -114,21 +115,6 @@ class JointZeros:
         J = np.concatenate([R @ J[:, :3], R @ J[:, 3:]], axis=1)
         change = np.einsum("ai,fijk,bk->fajb", R, self.change, R)
         return JointZeros(self.sigma, ground.to_ground(self.place), J, change)
-
-
-def _numbers(name: str, value, fingers: int) -> np.ndarray:
-    shape, unit = JOINT_LAYOUT[name]
-    words = ", ".join(["F", *map(str, shape)])
-    array = as_floats(value)
-    fit = array.shape == (fingers, *shape) and np.isfinite(array).all()
-    if fit and fingers:
-        return array
-    raise SceneError(
-        "not an array of this shape", where=f"JointZeros.{name}",
-        got=shortened(value, most=60),
-        expected=f"({words}) {unit}, of as many fingers as place",
-        next="stack the arrays of all fingers",
-    )  # fmt: skip
 
 
 def _tuples(nested):

@@ -11,7 +11,13 @@ import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz, write_npz
-from ..common.validation import as_array, as_floats, check_types, checked_choice
+from ..common.validation import (
+    as_array,
+    as_floats,
+    check_types,
+    checked_choice,
+    is_rotation,
+)
 from ..errors import MeasurementError, shortened, typed_call
 from ..geometry.interpolation import fill_gaps
 
@@ -137,9 +143,7 @@ class Measurements:
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
         R_vw, t_vw = as_floats(R), as_floats(t)
-        rigid = R_vw.shape == (3, 3) and t_vw.shape == (3,) and np.isfinite(R_vw).all()
-        rigid = rigid and abs(R_vw @ R_vw.T - np.eye(3)).max() <= ROTATION_TOLERANCE
-        if not (rigid and np.linalg.det(R_vw) > 0):
+        if t_vw.shape != (3,) or not is_rotation(R_vw, ROTATION_TOLERANCE):
             parts = {"where": "R, t", "got": shortened((R, t), most=200)}
             parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
             raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..common.validation import as_number, is_whole
-from ..errors import OptionError, shortened, typed_call
+from ..common.validation import check_range, check_whole
+from ..errors import typed_call
 from .measurements import Measurements
+
+MOST_SEED = 2**128 - 1  # numpy.random.SeedSequence draws 128 bits
+NOISE_UNITS = {"position": "m", "bias": "m", "normal": "rad"}  # else probabilities
 
 
 @typed_call()
@@ -33,20 +36,11 @@ class Noise:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value, upper = getattr(self, field.name), np.finfo(float).max
-            if field.name in ("flips", "dropped"):
-                upper = 1.0
-            if field.name == "seed" and not is_whole(value):
-                value = np.nan
-            if not 0 <= as_number(value) <= upper:
-                raise OptionError(
-                    "out of range",
-                    where=f"Noise.{field.name}",
-                    got=shortened(getattr(self, field.name), most=80),
-                    expected=f"a finite number from 0 to {upper:g}",
-                    next="give standard deviations in m and rad, the seed as an int",
-                )
+        for name in ("position", "bias", "normal", "flips", "dropped"):
+            unit = NOISE_UNITS.get(name, "")
+            most = np.finfo(float).max if unit else 1.0
+            check_range(f"Noise.{name}", getattr(self, name), 0, most, unit)
+        check_whole("Noise.seed", self.seed, 0, MOST_SEED)
 
 
 def add_noise(data: Measurements, noise: Noise) -> Measurements:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz
-from ..common.validation import check_types
-from ..errors import MeasurementError, OptionError, SceneError, shortened, typed_call
+from ..common.validation import check_kind, check_one_of, check_types
+from ..errors import MeasurementError, SceneError, typed_call
 from .ground import Ground, scene_number
 from .joint_offsets import JointZeros
 from .measurements import Measurements
@@ -100,14 +100,8 @@ class Scene:
             fix = "None if unknown" if unknown else remedy
             number = scene_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
-        if self.ground is not None and not isinstance(self.ground, Ground):
-            raise SceneError(
-                "not a ground",
-                where="ground",
-                got=shortened(self.ground, most=80),
-                expected="a Ground, or None",
-                next="write Ground(height=..., normal=...)",
-            )
+        fix = "write Ground(height=..., normal=...)"
+        check_kind("ground", self.ground, (Ground, type(None)), SceneError, fix)
         if self.ground is None and isinstance(self.sigma_offset, JointZeros):
             raise SceneError(
                 "joint offsets can be estimated with a ground only",
@@ -125,14 +119,7 @@ class Scene:
         """
         names = [known.name for known in fields(cls)]
         for name in overrides:
-            if name not in names:
-                raise OptionError(
-                    "a scene has no such field",
-                    where="Scene.load",
-                    got=name,
-                    expected=f"one of {names}",
-                    next="check the spelling",
-                )
+            check_one_of("Scene.load", name, names, "a scene has no such field")
         known = read_npz(path, KNOWN_KEYS, error=SceneError) | overrides
         if "mass" not in known:
             raise SceneError(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.brief import shown
 from ..common.npz import read_npz, write_npz
-from ..common.validation import as_array, as_floats, checked_choice
+from ..common.validation import as_array, checked_choice, numbers_of
 from ..errors import MeasurementError, shortened, typed_call
 
 QUATERNION_TOLERANCE = 1e-3  # [1], of the length of a quaternion
@@ -100,10 +100,8 @@ class Trajectories:
 
 
 def _numbers(name: str, value, width: int, unit: str) -> np.ndarray:
-    array = as_floats(value)
-    fit = array.ndim == 2 and array.shape[1] == width and len(array) > 0
-    got = f"shape {array.shape}" if array.ndim > 1 else shortened(value, most=60)
-    _check(fit, name, f"(T, {width}) {unit}", got)
+    array = numbers_of(name, value, MeasurementError, "T", width, unit=unit)
+    _check(len(array) > 0, name, "a sample", "none")
     _check_each(np.isfinite(array).all(axis=1), name, "finite numbers")
     return array
 

@@ -190,7 +190,7 @@ class Action:
     def __post_init__(self) -> None:
         check_types(workspace=(self.workspace, Workspace))
         space = self.workspace
-        angles = checked_array("angles", self.angles, -1, unit="[rad]").ravel()
+        angles = checked_array("angles", self.angles, ..., unit="[rad]").ravel()
         if angles.shape != space.lower.shape:
             expected = f"{2 * space.fingers} angles [rad], two of each finger"
             raise _option_error("angles", expected, angles.tolist())

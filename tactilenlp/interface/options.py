@@ -13,7 +13,7 @@ from ..common.validation import (
     as_floats,
     as_number,
     check_types,
-    is_whole,
+    check_whole,
 )
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
@@ -67,14 +67,8 @@ class Options:
             warnings.warn(words, FutureWarning, stacklevel=4)
         self._read_reductions()
         for name in ("hypotheses", "starts"):
-            value = getattr(self, name)
-            if value is not None and not (
-                is_whole(value) and 1 <= value <= MOST_STARTS
-            ):
-                raise OptionError(
-                    "out of range", where=name, got=shortened(value, most=80),
-                    expected=f"an integer from 1 to {MOST_STARTS}",
-                )  # fmt: skip
+            if (value := getattr(self, name)) is not None:
+                check_whole(name, value, 1, MOST_STARTS)
         check_positive(self, "tolerance", "time_limit")
 
     def _read_reductions(self) -> None:
