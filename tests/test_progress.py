@@ -72,6 +72,19 @@ def test_the_line_is_clean_after_ctrl_c(clock, monkeypatch):
     assert terminal.getvalue().count("\n") == 0
 
 
+def test_a_terminal_that_has_gone_does_not_end_the_work(clock):
+    gone = Terminal()
+    gone.close()
+    assert walk(clock, range(10), 1.0, gone) == list(range(10))
+
+    class Lost(Terminal):
+        def write(self, line):
+            raise OSError(5, "Input/output error")
+
+    for stream in (Lost(), None):
+        assert walk(clock, range(10), 1.0, stream) == list(range(10))
+
+
 def test_a_search_and_an_exploration_draw_bars(recorded, monkeypatch):
     from tactilenlp import Options, World, explore, solve_estimate
 

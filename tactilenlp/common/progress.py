@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 
 FIRST_DELAY = 2.0  # [s] before a bar appears
 REDRAW_INTERVAL = 0.2  # [s] between two drawings of the bar
@@ -40,9 +41,11 @@ def wipe() -> None:
 
 
 def _write(line: str) -> None:
-    if getattr(sys.stderr, "isatty", lambda: False)():
-        sys.stderr.write(line)
-        sys.stderr.flush()
+    # A stream that was closed raises ValueError, a terminal that has gone OSError.
+    with suppress(ValueError, OSError):
+        if getattr(sys.stderr, "isatty", lambda: False)():
+            sys.stderr.write(line)
+            sys.stderr.flush()
 
 
 def _bar(words: str, done: int, total: int | None, seconds: float) -> str:
