@@ -189,8 +189,10 @@ def test_single_false_contacts_are_no_touch(recorded):
     contact, normal = np.zeros_like(data.contact), np.zeros_like(data.normal)
     contact[[3, 40, 77], 0] = True
     normal[contact] = [0, 0, 1]
-    with pytest.raises(NoContactError, match="single samples"):
+    with pytest.raises(NoContactError, match="3 single samples") as caught:
         solve_estimate(replace(data, contact=contact, normal=normal))
+    assert "of one sample are not used" in caught.value.what
+    assert "higher rate" in caught.value.next
 
 
 @pytest.mark.slow

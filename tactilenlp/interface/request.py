@@ -206,13 +206,15 @@ def check_touched(data) -> None:
     if consecutive_contacts(data).any():
         return
     single = int(data.contact.sum())
+    if single:
+        what = "no touch lasts: those of one sample are not used, as flipped booleans"
+        fix = "press for longer, or record at a higher rate"
+    else:
+        what, fix = "nothing was touched", "record an action that meets the object"
     raise NoContactError(
-        "nothing was touched",
-        where="contact",
-        got=f"{single} single samples, as flipped booleans make" if single else "none",
-        expected="a finger in contact for at least two samples in a row",
-        next="record an action that meets the object",
-    )
+        what, where="contact", got=f"{single} single samples" if single else "none",
+        expected="a finger in contact for at least two samples in a row", next=fix,
+    )  # fmt: skip
 
 
 def first_guess(start, shape, ground: Ground) -> tuple:
