@@ -3,7 +3,7 @@
 A .blf holds times relative to the start time in its header, which python-can writes
 when the file is closed: a process that is killed would leave times without an origin.
 Here the header is on the disk before the first frame.  What else survives SIGKILL: all
-blocks of 128 kB (before compression) of a .blf, all lines but the last 8 kB of a .log.
+but the last 8 kB of a bus: the frames of 43 ms of a board that sends all it measures.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import can
 from .errors import RecordingError, translated
 
 FORMATS = ("blf", "log")
+BLOCK = 8192  # [bytes] of a .blf before compression: 4 % longer files than with 128 kB
 EARLIER = 1.0  # [s] before the first frame: frames may be written in another order
 DAMAGED = "check that the file is complete"
 ABSOLUTE = 1e9  # [s], the year 2001: smaller stamps are no time of day
@@ -60,7 +61,7 @@ class BusFile:
         with can.BLFWriter(self._path.open("wb")) as first:
             first.log_event("begin", stamp - EARLIER)
         self._file, self._begun = self._path.open("rb+"), True
-        self._writer = can.BLFWriter(self._file, append=True)
+        self._writer = can.BLFWriter(self._file, append=True, max_container_size=BLOCK)
 
 
 def read_frames(path: Path, cut: bool) -> Iterator[can.Message]:
