@@ -48,8 +48,11 @@ class BusFile:
             self._file.flush()  # does nothing but after a block
 
     def close(self) -> None:
-        """Write what remains, and close the file."""
-        self._writer.stop()
+        """Write what remains, and close the file, whose disk may be full."""
+        try:
+            self._writer.stop()
+        finally:
+            self._file.close()
 
     def _begin(self, stamp: float) -> None:
         """Write a header with the start time, then continue that file.

@@ -16,6 +16,7 @@ import os
 import platform
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -53,7 +54,7 @@ class Tape:
         check_one_of("bus", bus, FORMATS, "no such format", RecordingError)
         self.folder, self.rig, self.bus = Path(folder), rig, bus
         self.counts: dict[str, int] = {}
-        self._close: list[Callable[[], None]] = []
+        self._stack, self._failed = ExitStack(), None
         self._started = time.time()
 
     def __enter__(self) -> Tape:
@@ -63,21 +64,22 @@ class Tape:
             raise RecordingError("holds a recording already", where=where, next=fix)
         _written(self.folder, lambda: self.folder.mkdir(parents=True, exist_ok=True))
         self._write_manifest(complete=False)
+        self._stack.push(self._end)  # called last, also where a file cannot be closed
         return self
 
     def __exit__(self, *exception) -> None:
-        while self._close:
-            self._close.pop()()
-        self._write_manifest(complete=exception[:1] in ((), (None,)))
+        self._stack.__exit__(*(exception or (None,) * 3))
+
+    def _end(self, kind: type | None, *exception) -> None:
+        self._write_manifest(complete=kind is None and self._failed is None)
 
     def can(self, stream: str) -> Callable[[can.Message], None]:
         """Return a sink of CAN frames."""
         path = self._new(f"{stream}.{self.bus}")
-        file = _written(path, lambda: BusFile(path))
-        self._close.append(file.close)
+        file = self._opened(path, lambda: BusFile(path))
 
         def sink(message: can.Message) -> None:
-            _written(path, lambda: file.write(message))
+            self._write(path, file.write, message)
             self.counts[stream] += 1
 
         self.counts[stream] = 0
@@ -88,7 +90,7 @@ class Tape:
         raw, row = self._open(f"{stream}.bin"), self._table(stream, "time,bytes")
 
         def sink(chunk: bytes, now: float) -> None:
-            _written(raw.name, lambda: raw.write(chunk))
+            self._write(raw.name, _append, raw, chunk)
             row(f"{now:.9f},{len(chunk)}")
             self.counts[stream] += 1
 
@@ -97,16 +99,12 @@ class Tape:
 
     def pictures(self, stream: str) -> Callable[[np.ndarray, float], None]:
         """Return a sink of pictures and their times [s]."""
-        from .optical_flow import opencv  # an extra
-
         folder, row = self._new(stream), self._table(stream, "time,name")
         _written(folder, folder.mkdir)
 
         def sink(picture: np.ndarray, now: float) -> None:
             name = NATURAL % self.counts[stream]
-            path = str(folder / name)
-            if not opencv().imwrite(path, picture):
-                raise RecordingError("cannot be written", where=path)
+            self._write(folder / name, _write_picture, str(folder / name), picture)
             row(f"{now:.9f},{name}")
             self.counts[stream] += 1
 
@@ -120,9 +118,26 @@ class Tape:
 
     def _open(self, name: str):
         path = self._new(name)
-        file = _written(path, lambda: path.open("xb", buffering=0))
-        self._close.append(file.close)
+        return self._opened(path, lambda: path.open("xb", buffering=0))
+
+    def _opened(self, path: Path, make: Callable):
+        """Return a file that `with` closes at its end."""
+        file = _written(path, make)
+        self._stack.callback(_written, path, file.close)
         return file
+
+    def _write(self, path, action: Callable, *parts) -> None:
+        """Write; after a failure, of a full disk for instance, refuse all that follows.
+
+        What came before can be read: `chunks` needs whole chunks, one after the other.
+        """
+        if self._failed is not None:
+            raise self._failed
+        try:
+            _written(path, action, *parts)
+        except RecordingError as bad:
+            self._failed = bad
+            raise
 
     def _new(self, name: str) -> Path:
         """Return the path of a file; raises RecordingError where there is one."""
@@ -135,7 +150,7 @@ class Tape:
         table = self._open(f"{stream}.csv")
 
         def row(text: str) -> None:
-            _written(table.name, lambda: table.write(f"{text}\n".encode()))
+            self._write(table.name, _append, table, f"{text}\n".encode())
 
         row(heading)
         return row
@@ -156,10 +171,23 @@ class Tape:
         _written(path, lambda: write_whole(path, text))
 
 
-def _written(path, action: Callable):
+def _append(file, content: bytes) -> None:
+    """Write all bytes: an unbuffered file takes what the disk has room for."""
+    while content:
+        content = content[file.write(content) :]
+
+
+def _write_picture(path: str, picture: np.ndarray) -> None:
+    from .optical_flow import opencv  # an extra
+
+    if not opencv().imwrite(path, picture):
+        raise OSError("OpenCV cannot write it")
+
+
+def _written(path, action: Callable, *parts):
     """Run an action that writes; where it fails, raise a RecordingError."""
     try:  # `translated` would take longer, and this is done for every frame
-        return action()
+        return action(*parts)
     except (OSError, FileError) as bad:
         got, fix = f"{type(bad).__name__}: {bad}", "check free space and permissions"
         what = "cannot be written"

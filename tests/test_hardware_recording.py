@@ -10,7 +10,7 @@ from bench_tape import recorded, taped
 from hardware.assemble import assemble
 from hardware.bench import Bench
 from hardware.errors import HardwareError, RecordingError
-from hardware.motor_can import Pair, Quantity, decode, encode
+from hardware.motor_can import Pair, Quantity, Reference, decode, encode
 from hardware.recording import Recording, device_times
 from hardware.rig import Rig
 from hardware.serial_tactile import (
@@ -112,6 +112,61 @@ def test_a_tape_that_cannot_be_written_says_so(tmp_path):
         Tape(tmp_path / "file" / "tape", rig).__enter__()
     with pytest.raises(RecordingError, match="no such format"):
         Tape(tmp_path / "tape", rig, bus="asc")
+
+
+def filled(tape, kind, sent):
+    """Record frames or chunks of 24 bytes until no file may grow any more."""
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    rng = np.random.default_rng(0)
+    try:
+        with tape:
+            sink = tape.bytes("bus") if kind == "bytes" else tape.can("bus")
+            resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, limits[1]))
+            while len(sent) < 100_000:
+                pair = Pair(Quantity.POSITION, tuple(rng.normal(size=2)))
+                frame = encode(pair, 1.7e9 + len(sent) / 1000)
+                sink(*((bytes(24), 1.7e9) if kind == "bytes" else (frame,)))
+                sent.append(frame)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize("kind", ["blf", "log", "bytes"])
+def test_a_full_disk_ends_a_tape_and_keeps_what_was_written(tmp_path, kind):
+    pytest.importorskip("resource", reason="limits of files, of POSIX")
+    bus, sent = "log" if kind == "bytes" else kind, []
+    tape = Tape(tmp_path / "tape", simulated_rig("optoforce"), bus=bus)
+    with pytest.raises(RecordingError, match="cannot be written") as caught:
+        filled(tape, kind, sent)
+    assert "free space" in caught.value.next
+    recording = Recording(tmp_path / "tape")
+    assert not recording.complete
+    if kind == "bytes":
+        assert [len(chunk) for _, chunk in recording.chunks("bus")] == [24] * len(sent)
+        return
+    kept = list(recording.messages("bus"))
+    assert len(sent) - 1000 < len(kept) <= len(sent) + 1
+    known = [bytes(frame.data) for frame in sent[: len(kept)]]
+    assert [bytes(frame.data) for frame in kept[: len(sent)]] == known
+
+
+def test_no_wire_is_recorded_after_the_failure_of_one(tmp_path, monkeypatch):
+    def full(file, content):
+        raise OSError(28, "No space left on device")
+
+    with Tape(tmp_path / "tape", simulated_rig()) as tape:
+        serial, bus = tape.bytes("serial"), tape.can("bus")
+        monkeypatch.setattr("hardware.tape._append", full)
+        with pytest.raises(RecordingError, match="No space"):
+            serial(b"1", 0.0)
+        monkeypatch.undo()  # there is space again
+        for sink in (lambda: serial(b"2", 1.0), lambda: bus(encode(Reference((0, 0))))):
+            with pytest.raises(RecordingError, match="No space"):
+                sink()
+    assert not Recording(tmp_path / "tape").complete
+    assert list(Recording(tmp_path / "tape").chunks("serial")) == []
 
 
 def test_serial_bytes_and_their_times_come_back(tmp_path):
