@@ -29,12 +29,20 @@ MOST_ROWS = 10_000_000  # of a path
 FASTEST = 20.0  # [rad/s] of a joint, velocity limit of the URDF
 SLOWEST = 1e-3  # [rad/s], least speed limit
 # Mass [kg], and where its centre is in the mechanism's frame (kinematics.py) [m]:
-# across, down the upper and down the lower link.  From the authors' URDF.
-LINKS = (
+# across, down the upper and down the lower link.  From the authors' URDF, and from
+# xacro/pro of robot_properties_fingers.  `across`, and the torque of the first joint at
+# zero angles, are negative for the Edu and positive for the Pro.
+EDU_LINKS = (
     (0.160, -0.014 - 0.019, 0.079, 0.0),
     (0.035, -0.014 - 0.03745 - 0.009, 0.16, 0.089),
     (0.010, -0.014 - 0.03745 - 0.008, 0.16, 0.16),
 )
+PRO_LINKS = (
+    (0.250, 0.01685 + 0.028, 0.08, 0.0),
+    (0.021, 0.01685 + 0.04922, 0.16, 0.06),
+    (0.031, 0.01685 + 0.04922 + 0.0185, 0.16, 0.1626),
+)
+LINKS = {"edu": EDU_LINKS, "edu_dair": EDU_LINKS, "pro": PRO_LINKS}  # by robot
 
 
 @typed_call(LimitError)
@@ -44,7 +52,8 @@ class Gains:
 
     stiffness: (3,) [N m / rad];  damping: (3,) [N m s / rad]
     torque:    [N m], bound of each joint: 2 A of a motor
-    weight:    [1], 1 to compensate the weight of the links of a TriFingerEdu, 0 not to
+    weight:    [1], 1 to compensate the weight of the links, 0 not to.  Neither masses
+               nor signs were tried on a real TriFingerPro
     """
 
     stiffness: tuple[float, float, float] = (7.0, 7.0, 6.5)
@@ -86,27 +95,29 @@ class Gains:
         target_velocity: np.ndarray,
         angles: np.ndarray,
         velocities: np.ndarray,
+        robot: str = "edu_dair",
     ) -> np.ndarray:
         """Return the torques (3,) [N m] towards a target, within the bound.
 
+        robot: whose links weigh on the joints, a name of kinematics.ROBOTS.
         Raises LimitError where one of the numbers is not finite.
         """
         with np.errstate(invalid="ignore", over="ignore"):  # refused below
             torque = np.array(self.stiffness) * (target - angles)
             torque += np.array(self.damping) * (target_velocity - velocities)
-            torque += self.weight * holding(angles)
+            torque += self.weight * holding(angles, robot)
         if np.shape(torque) != (3,) or not np.isfinite(torque).all():
             got = f"target {target}, {target_velocity}, state {angles}, {velocities}"
             raise LimitError("no torque", got=got, expected="three finite numbers each")
         return np.clip(torque, -self.torque, self.torque)
 
 
-def holding(angles: np.ndarray) -> np.ndarray:
+def holding(angles: np.ndarray, robot: str = "edu_dair") -> np.ndarray:
     """Return the torques (..., 3) [N m] that hold the links' weight at rest."""
     q0, q1, q2 = np.moveaxis(np.asarray(angles, float), -1, 0)
     s0, c0, s1, s12 = np.sin(q0), np.cos(q0), np.sin(q1), np.sin(q1 + q2)
     torque = np.zeros(np.shape(angles))
-    for mass, across, upper, lower in LINKS:
+    for mass, across, upper, lower in LINKS[robot]:
         weight = mass * GRAVITY
         depth = upper * np.cos(q1) + lower * np.cos(q1 + q2)
         torque[..., 0] -= weight * (across * c0 - depth * s0)

@@ -189,7 +189,7 @@ class SimulatedRobot:
                 board.listen(now)
                 measured = {Quantity.POSITION: turns[b], Quantity.VELOCITY: krpm[b]}
                 board.talk(measured, now, self.wall())
-            self._torque[k] = finger.torques - holding(angles)
+            self._torque[k] = finger.torques - holding(angles, finger.rig.robot)
             R_tw = finger.geometry.rotation(angles).T
             force, press = R_tw @ -self._touch[k, :3], R_tw @ self._touch[k, 3:]
             finger.skin.send(force, press, now, self.wall())

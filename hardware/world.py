@@ -255,7 +255,8 @@ class RobotWorld:
             self.limits.check_jump(name, angles - place, float((stamps - before).max()))
         self._seen[name] = stamps, angles
         self.limits.check_target(name, geometry, target, velocity)
-        finger.apply(self.gains.torques(target, velocity, angles, speed))
+        state = angles, speed, finger.rig.robot
+        finger.apply(self.gains.torques(target, velocity, *state))
 
     def _watch(self, now: float) -> None:
         """Raise HardwareError if the time since the last command is too long."""
