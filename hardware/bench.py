@@ -15,7 +15,7 @@ from .motor_can import Quantity
 from .motor_checks import check_current
 from .motor_joints import POLL, start_motors
 from .motor_stop import stop_boards
-from .rig import FingerRig, Rig, Tactile, stream_name
+from .rig import SERIAL, FingerRig, Rig, Tactile, stream_name
 from .streams import FingerStreams
 from .tape import Tape
 from .touch import Skin
@@ -72,7 +72,11 @@ class FingerBench:
         """
         rows = [board.rows(Quantity.POSITION) for board in self.boards]
         touches = list(self.skin.touches)
-        return partial(FingerStreams.of, self.rig, self.boards, rows, touches)
+        # On a serial line the samples of a chunk have one time.
+        told = self.rig.tactile.interval if self.rig.tactile.wire != SERIAL else None
+        return partial(
+            FingerStreams.of, self.rig, self.boards, rows, touches, interval=told
+        )
 
     def _newest(self, quantity: Quantity) -> np.ndarray:
         return np.stack([board.newest(quantity) for board in self.boards])

@@ -16,18 +16,19 @@ from tactilenlp.common.whole_file import opened
 
 from .bus_files import DAMAGED, FORMATS, read_frames
 from .clock import ClockMap, unwrap
-from .errors import RecordingError, translated
+from .errors import ClockError, RecordingError, translated
 from .motor_board import MotorBoard
 from .motor_can import Quantity
 from .optical_flow import opencv
 from .rig import CAMERA, ON_CAN, FingerRig, Rig, Tactile, stream_name
 from .serial_reader import OptoForceCan
-from .serial_tactile import RESTART, SPEEDS, ForceFrame
+from .serial_tactile import RESTART, ForceFrame
 from .streams import FingerStreams
 from .tape import FORMAT, MANIFEST
 from .touch import Touch
 
 RESTARTED = 0.2  # [s] by which arrivals differ from counters where a sensor restarted
+OTHER_RATE = 0.1  # [1], a larger deviation of a sensor's rate is no drift of its clock
 LONG = 2.0  # [s], least record from which the rate of a device's clock is fitted
 
 
@@ -94,7 +95,8 @@ class Recording:
                     board.on_message_received(message)
             boards.append(board)
         rows = [board.rows(Quantity.POSITION) for board in boards]
-        return FingerStreams.of(one, boards, rows, *self._touches(one))
+        told = one.tactile.interval
+        return FingerStreams.of(one, boards, rows, *self._touches(one), told)
 
     def _touches(self, one: FingerRig) -> tuple[list[Touch], int]:
         """Return the touches of a finger, and how many frames were broken."""
@@ -122,7 +124,7 @@ class Recording:
                 for frame in framer.feed(chunk)
             ]
         if frames and isinstance(frames[0][1], ForceFrame):
-            times = device_times(frames, SPEEDS[tactile.speed] * 1e-3)
+            times = device_times(frames, tactile.interval)
             frames = [(t, f) for t, (_, f) in zip(times.tolist(), frames, strict=True)]
         return frames, framer.broken
 
@@ -155,7 +157,7 @@ def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndar
     A chunk holds many samples: their arrivals are equal, their counters are not.
     unit: [s] between samples.  A sensor that was restarted starts a new clock: its
     counter goes back or, where it had passed half its range, seems to skip samples for
-    which no time has passed.
+    which no time has passed.  Raises ClockError where it sends at another rate.
     """
     arrival = np.array([time for time, _ in frames])
     counter = unwrap([frame.counter for _, frame in frames], 16)
@@ -165,7 +167,15 @@ def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndar
     times = np.empty(len(frames))
     for part in np.split(np.arange(len(frames)), starts):
         device, host = counter[part], arrival[part]
-        if host[-1] - host[0] >= LONG:
+        span, told = host[-1] - host[0], unit * (device[-1] - device[0])
+        if abs(span - told) > max(RESTARTED, OTHER_RATE * told):
+            raise ClockError(
+                "a sensor does not send at the rate told", where="tactile.speed",
+                got=f"{span / (device[-1] - device[0]):.4g} s between samples",
+                expected=f"{unit:.4g} s",
+                next="give the speed that the sensor has to the rig of the manifest",
+            )  # fmt: skip
+        if span >= LONG:
             times[part] = ClockMap.fit(device, host, unit)(device)
         else:
             times[part] = unit * device + (host - unit * device).min()

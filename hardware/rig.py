@@ -59,7 +59,8 @@ class Tactile:
     touch:   options of ForceTouch, FieldTouch or OpticalTouch; `lens` of a densetact
              is {"centre": [u, v], "edge": px, ...}
     camera:  options of Camera: size, rate, exposure
-    speed:   [Hz] that an OptoForce is told to send at
+    speed:   [Hz] of an OptoForce: on a serial line it is told to send at it, on CAN it
+             is only listened to, and must have been told
     latency: [s] from touch to time stamp, subtracted later
     """
 
@@ -87,6 +88,13 @@ class Tactile:
     def wire(self) -> str:
         """What the sensor is read through: serial, can or camera."""
         return KINDS[self.kind]
+
+    @property
+    def interval(self) -> float | None:
+        """The time [s] between samples that the sensor was told; None: it is not."""
+        if self.kind.startswith("optoforce"):
+            return SPEEDS[self.speed] * 1e-3
+        return 1 / rate if (rate := self.camera.get("rate")) else None
 
     def toucher(self) -> Toucher:
         """Return the function from frames of the sensor to touches; raises RigError."""

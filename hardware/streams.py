@@ -27,7 +27,8 @@ class StreamReport:
 
     samples, doubles, disordered: counts; doubles have the same stamp and are dropped,
                 disordered ones are sorted in
-    lost:       samples missing, by the intervals
+    lost:       samples missing, by the intervals: beyond that of the told rate, or else
+                beyond the median
     broken:     frames that could not be decoded, as the framer counted them
     rate:       [Hz], of the median interval
     jitter:     [s], from the 5th to the 95th percentile of the intervals
@@ -69,9 +70,11 @@ class Stream:
         values: np.ndarray,
         broken: int = 0,
         last: bool = False,
+        interval: float | None = None,
     ) -> Stream:
         """Sort by time, keep the first (or last) of equal stamps, and count.
 
+        interval: [s] between two samples, None: the median
         Raises FrameError where there are fewer than two different times.
         """
         time, values = np.asarray(time, float), np.asarray(values)
@@ -93,7 +96,8 @@ class Stream:
             )
         gaps = np.diff(time)
         usual = float(np.median(gaps))
-        lost = int(np.where(gaps > LOST * usual, np.rint(gaps / usual) - 1, 0).sum())
+        told = interval or usual
+        lost = int(np.where(gaps > LOST * told, np.rint(gaps / told) - 1, 0).sum())
         low, high = np.percentile(gaps, [5, 95])
         counts = len(time), doubles, disordered, lost, broken
         spread = 1 / usual, float(high - low), float(gaps.max())
@@ -124,18 +128,20 @@ class FingerStreams:
         rows: list[list[tuple[float, float, float]]],
         touches: list[Touch],
         broken: int = 0,
+        interval: float | None = None,
     ) -> FingerStreams:
         """Return what a finger sent as sorted streams; FrameError for fewer than two.
 
         rows:   of stamp [s] and two positions [rev], for each board
         broken: frames of the sensor that could not be decoded
+        interval: [s] between samples of the sensor, None: not known
         """
         streams = []
         for board, sent in zip(boards, rows, strict=True):
             known = _table(sent)
             counted = known[:, 0], known[:, 1:], board.broken
             streams.append(Stream.sorted(board.name, *counted))
-        touch = touch_stream(f"{rig.name}, tactile", touches, broken)
+        touch = touch_stream(f"{rig.name}, tactile", touches, broken, interval)
         places, latency = (rig.geometry, rig.joints), rig.tactile.latency
         return cls(rig.name, *places, tuple(streams), touch, latency)
 
@@ -145,7 +151,9 @@ class FingerStreams:
         return tuple(stream.report for stream in (*self.boards, self.touch))
 
 
-def touch_stream(name: str, touches: list[Touch], broken: int = 0) -> Stream:
+def touch_stream(
+    name: str, touches: list[Touch], broken: int = 0, interval: float | None = None
+) -> Stream:
     """Return touches as a stream; a touch whose normal is unknown is not valid.
 
     A chunk of a serial line holds several samples with one time of arrival: the last
@@ -156,7 +164,8 @@ def touch_stream(name: str, touches: list[Touch], broken: int = 0) -> Stream:
         known = touch.valid and (not touch.contact or bool(touch.normal.any()))
         values[k, :3] = touch.contact and known, known, touch.strength
         values[k, 3:] = touch.normal
-    return Stream.sorted(name, [touch.time for touch in touches], values, broken, True)
+    times = [touch.time for touch in touches]
+    return Stream.sorted(name, times, values, broken, True, interval)
 
 
 def _table(rows: list) -> np.ndarray:

@@ -32,8 +32,8 @@ PRO_MODEL = """<mujoco><compiler angle="radian"/><worldbody><body>
 <inertial pos=".028 0 -.08" mass=".25" diaginertia="1 1 1"/>
 <body pos=".04922 0 -.16"><joint name="q2" axis="1 0 0"/>
 <inertial pos="0 0 -.06" mass=".021" diaginertia="1 1 1"/>
-<body pos=".0185 0 -.1626"><inertial pos="0 0 0" mass=".031" diaginertia="1 1 1"/></body>
-</body></body></body></worldbody></mujoco>"""
+<body pos=".0185 0 -.1626"><inertial pos="0 0 0" mass=".031" diaginertia="1 1 1"/>
+</body></body></body></body></worldbody></mujoco>"""
 
 
 def test_the_holding_torque_of_a_pro_is_that_of_mujoco_on_the_published_links():

@@ -9,7 +9,8 @@ from bench_tape import recorded, taped
 
 from hardware.assemble import assemble
 from hardware.bench import Bench
-from hardware.errors import HardwareError, RecordingError
+from hardware.bus_files import BusFile
+from hardware.errors import ClockError, HardwareError, RecordingError
 from hardware.motor_can import Pair, Quantity, Reference, decode, encode
 from hardware.recording import Recording, device_times
 from hardware.rig import Rig
@@ -223,6 +224,31 @@ def test_a_sensor_that_was_unplugged_has_a_new_clock_whatever_it_had_counted(
         for t, c in zip(true.tolist(), counters, strict=True)
     ]
     assert np.abs(device_times(frames, 1e-3) - true).max() < 1e-3
+
+
+def test_samples_that_a_bus_lost_are_counted_by_the_speed_of_the_sensor(copy):
+    """Every second sample is missing: by the median interval none would be."""
+    before = Recording(copy).fingers()[0].touch.report
+    path = copy / "finger_0_tactile.blf"
+    messages = list(Recording(copy).messages("finger_0_tactile"))
+    path.unlink()
+    file = BusFile(path)
+    for k, message in enumerate(messages):
+        if k // 2 % 2 == 0:  # a sample is two frames
+            file.write(message)
+    file.close()
+    after = Recording(copy).fingers()[0].touch.report
+    assert before.lost == 0
+    assert after.lost == after.samples - 1
+    assert after.rate == pytest.approx(50)
+
+
+@pytest.mark.parametrize("count", [100, 1000])
+def test_a_sensor_that_sends_at_another_rate_than_told_is_named(count):
+    """An OptoForce on CAN is not told its speed: 100 Hz by default."""
+    frames = [(1.7e9 + k / 100, ForceFrame(k, 0, (0, 0, 0))) for k in range(count)]
+    with pytest.raises(ClockError, match=r"tactile\.speed.*0\.001 s, got 0\.01 s"):
+        device_times(frames, 1e-3)
 
 
 def test_a_counter_that_wrapped_unheard_keeps_the_time():
