@@ -66,13 +66,10 @@ class Gains:
             ("stiffness", STIFFEST, "N m/rad"),
             ("damping", MOST_DAMPED, "N m s/rad"),
         )
-        try:
-            for name, most, unit in parts:
-                check_ranges(f"Gains.{name}", getattr(self, name), 3, 0.0, most, unit)
-            check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m", LimitError)
-            check_range("Gains.weight", self.weight, 0.0, 2.0, "", LimitError)
-        except LimitError as bad:
-            raise LimitError("no gains", got=bad) from bad
+        for name, most, unit in parts:
+            check_ranges(f"Gains.{name}", getattr(self, name), 3, 0.0, most, unit)
+        check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m", LimitError)
+        check_range("Gains.weight", self.weight, 0.0, 2.0, "", LimitError)
 
     def check_bound(self, where: str, newton_metres: float, most: float) -> None:
         """Raise LimitError where the largest torque needs more than `most` [A].

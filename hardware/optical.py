@@ -55,13 +55,10 @@ class Lens:
     radius: float = 0.015
 
     def __post_init__(self) -> None:
-        try:
-            check_ranges("Lens.centre", self.centre, 2, -WIDEST, WIDEST, "px", RigError)
-            check_range("Lens.edge", self.edge, NARROWEST, WIDEST, "px", RigError)
-            check_range("Lens.angle", self.angle, 1e-3, math.pi / 2, "rad", RigError)
-            check_range("Lens.radius", self.radius, 1e-4, 1.0, "m", RigError)
-        except RigError as bad:
-            raise RigError("no lens", got=bad) from bad
+        check_ranges("Lens.centre", self.centre, 2, -WIDEST, WIDEST, "px", RigError)
+        check_range("Lens.edge", self.edge, NARROWEST, WIDEST, "px", RigError)
+        check_range("Lens.angle", self.angle, 1e-3, math.pi / 2, "rad", RigError)
+        check_range("Lens.radius", self.radius, 1e-4, 1.0, "m", RigError)
 
     def direction(self, pixel: np.ndarray) -> np.ndarray:
         """Return the outward normals (..., 3) of the dome seen at pixels (..., 2)."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass, field, replace
-from inspect import signature
 
 from tactilenlp.common.validation import (
     check_kind,
@@ -211,27 +210,15 @@ class Rig:
     @classmethod
     def from_dict(cls, content: dict) -> Rig:
         """Return a rig from plain lists and dictionaries; raises RigError."""
-        fingers = []
-        given = _entries("rig", cls, _frozen(content))
-        check_kind("rig.fingers", given["fingers"], (tuple, list), RigError)
-        for one in given["fingers"]:
-            parts = _entries("finger", FingerRig, one)
-            tactile = Tactile(**_entries("tactile", Tactile, parts["tactile"]))
-            fingers.append(FingerRig(**parts | {"tactile": tactile}))
-        return cls(tuple(fingers))
-
-
-def _entries(where: str, make: type, given: object) -> dict:
-    """Return a JSON object whose keys are the fields of a dataclass."""
-    names = signature(make).parameters
-    keys = list(given) if isinstance(given, dict) else []
-    missing = [n for n, p in names.items() if p.default is p.empty and n not in keys]
-    strange = [key for key in keys if key not in names]
-    if missing or strange:
-        what = f"missing {missing}" if missing else f"not understood {strange}"
-        expected = f"a JSON object of {list(names)}"
-        raise RigError(what, where=where, expected=expected)
-    return given
+        given, fingers = _frozen(content), []
+        check_kind("rig", given, dict, RigError)
+        check_kind("rig.fingers", given.get("fingers", ()), (tuple, list), RigError)
+        for one in given.get("fingers", ()):
+            check_kind("finger", one, dict, RigError)
+            tactile = one.get("tactile")
+            made = Tactile(**tactile) if isinstance(tactile, dict) else tactile
+            fingers.append(FingerRig(**one | {"tactile": made}))
+        return cls(**given | {"fingers": tuple(fingers)})
 
 
 def _check_camera(options: dict) -> None:

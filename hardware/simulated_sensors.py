@@ -13,7 +13,8 @@ import numpy as np
 from .errors import RigError
 from .reader import Inbox
 from .rig import ON_CAN, Tactile
-from .serial_tactile import DATA_ID, ForceFrame, encode_force, to_can
+from .serial_tactile import DATA_ID, WRAP, ForceFrame, encode_force, to_can
+from .touch import SCALE
 
 PICTURES, FORCES = 30.0, 100  # [Hz]
 
@@ -61,7 +62,7 @@ class SimulatedDome:
     def __init__(self, tactile: Tactile) -> None:
         self.tactile, self.silent = tactile, False
         self.R_ts = np.array(tactile.touch.get("mount", np.eye(3)), float)
-        self.scale = np.array(tactile.touch.get("scale", (400.9,) * 3), float)
+        self.scale = np.array(tactile.touch.get("scale", SCALE), float)
         self.write: Callable[[bytes], None] | None = None
         self._bus, self._counter, self._due = None, 0, 0.0
 
@@ -88,7 +89,7 @@ class SimulatedDome:
         counts = np.rint(self.scale * (self.R_ts.T @ force))
         limited = np.clip(counts, -32768, 32767).astype(int).tolist()
         packet = encode_force(ForceFrame(self._counter, 0, tuple(limited)))
-        self._counter = (self._counter + 1) % 65536
+        self._counter = (self._counter + 1) % WRAP
         if self.write is not None:
             self.write(packet)
         elif self._bus is not None:

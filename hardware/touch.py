@@ -26,6 +26,7 @@ from .ranges import check_ranges, rotation
 from .serial_tactile import FieldFrame, ForceFrame
 
 LARGEST = 1e12  # [unit of a strength], beyond any sensor
+SCALE = (400.9, 400.9, 400.9)  # [counts/N] of OMD-20-SE-40N: 16037 counts at 40 N
 ON, OFF = 6.0, 4.0  # [1], standard deviations of the strength above its mean
 LONGEST_REST = 100_000  # [samples]
 REST = 100  # [samples] whose mean is the zero of a sensor
@@ -131,8 +132,20 @@ class Tare:
         return values - self._sum / self._count
 
 
+class _Tared:
+    """What touchers of forces and fields share: a zero, and thresholds."""
+
+    def __init__(self, on: float, off: float, rest: int) -> None:
+        self.decide, self.tare = Hysteresis(on, off), Tare(rest)
+
+    def reset(self) -> None:
+        """Find the zero again, from the next samples."""
+        self.tare.reset()
+        self.decide.contact = False
+
+
 @typed_call(FrameError)
-class ForceTouch:
+class ForceTouch(_Tared):
     """Make touches of an OptoForce dome: contact by the force, normal by its direction.
 
     The force lies within the friction cone about the normal, not along it: with
@@ -147,7 +160,7 @@ class ForceTouch:
 
     def __init__(
         self,
-        scale: tuple = (400.9, 400.9, 400.9),  # OMD-20-SE-40N: 16037 counts at 40 N
+        scale: tuple = SCALE,
         on: float = 0.15,
         off: float = 0.08,
         mount: tuple = DOWN,
@@ -156,7 +169,7 @@ class ForceTouch:
         check_ranges("scale", scale, 3, 1e-9, LARGEST, "counts/N", FrameError)
         self.scale = np.array(scale, float)
         self.R_ts = rotation("mount", mount, FrameError)
-        self.decide, self.tare = Hysteresis(on, off), Tare(rest)
+        super().__init__(on, off, rest)
 
     def __call__(self, time: float, frame: ForceFrame) -> Touch | None:
         """Return the touch, None while the zero is being found."""
@@ -172,21 +185,16 @@ class ForceTouch:
         normal = self.R_ts @ (force / strength) if contact else np.zeros(3)
         return Touch(time, contact, normal, strength)
 
-    def reset(self) -> None:
-        """Find the zero again, from the next samples."""
-        self.tare.reset()
-        self.decide.contact = False
-
 
 @typed_call(FrameError)
-class FieldTouch:
+class FieldTouch(_Tared):
     """Make touches of a magnetic skin: contact only; the normal is zero.
 
     on, off: [uT], norm of the change of the whole field; they depend on the skin
     """
 
     def __init__(self, on: float = 60.0, off: float = 40.0, rest: int = REST) -> None:
-        self.decide, self.tare = Hysteresis(on, off), Tare(rest)
+        super().__init__(on, off, rest)
 
     def __call__(self, time: float, frame: FieldFrame) -> Touch | None:
         """Return the touch, None while the zero is being found."""
@@ -195,11 +203,6 @@ class FieldTouch:
             return None
         strength = float(np.linalg.norm(change))
         return Touch(time, self.decide(strength), np.zeros(3), strength)
-
-    def reset(self) -> None:
-        """Find the zero again, from the next samples."""
-        self.tare.reset()
-        self.decide.contact = False
 
 
 class Skin:
