@@ -135,9 +135,8 @@ class Measurements:
 
     def select(self, actions: Iterable[int]) -> Measurements:
         """Return the samples of these actions, in time order; numbers are kept."""
-        wanted = checked_choice(
-            "action", actions, np.unique(self.action), MeasurementError
-        )
+        known = np.unique(self.action)
+        wanted = checked_choice("action", actions, known, MeasurementError)
         return Measurements(**self.arrays(np.isin(self.action, wanted)))
 
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
@@ -246,8 +245,7 @@ def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
             _reject(key, ~np.isfinite(arrays[key]), "not finite", arrays[key], fix)
     radius, fix = arrays["finger_radius"], "measure the tip, give metres"
     _reject("finger_radius", radius <= 0, "not positive", radius, fix)
-    small = radius < SMALLEST_RADIUS
-    _reject("finger_radius", small, "too small", radius, fix)
+    _reject("finger_radius", radius < SMALLEST_RADIUS, "too small", radius, fix)
     fix = f"use a frame whose origin is within {FARTHEST:.0f} m of the fingers"
     _reject("finger_position", abs(p_wf) > FARTHEST, "too far away", p_wf, fix)
     what, fix = "looks like millimetres", "divide by 1000"

@@ -49,21 +49,24 @@ def solve_estimate(
 ) -> Estimate:
     """Find shape, poses and impulses that explain the measurements (eq:vimp).
 
-    data: Measurements.  scene: what is known (default Scene()).  shape: "cuboid",
-    "polytope" (20 vertices), formulations.polytope.polytope(30), a Shape, or a list of
-    them, or "auto": the class of the largest evidence is returned, with the odds of all
-    in estimate.classes.
-    formulation: "quasi_static", "violation_implicit", "multiple_shooting", "shooting",
-    "complementarity", "paper" or a page (module with `build`, `LEVELS`).  start: an
-    earlier Estimate of the first actions (for a polytope: of any shape), even of a part
-    of an action that still runs, or a Guess.  executor: any concurrent.futures executor
-    of processes.  session: keeps term functions for solves that start from this
-    estimate; by default one for the process.
+    data: Measurements, in whose frame the estimate is.  scene: what is known; Scene()
+    has mass and frictions of the recorded scenes, on level ground: give your own.
+    shape: "cuboid", "polytope" (20 vertices), formulations.polytope.polytope(30), a
+    Shape, or a list of them, or "auto": the class of the largest evidence is returned,
+    with the odds of all in estimate.classes.  formulation: "quasi_static",
+    "violation_implicit", "multiple_shooting", "shooting", "complementarity", "paper" or
+    a page (module with `build`, `LEVELS`).  start: an earlier Estimate of the first
+    actions (for a polytope: of any shape), even of a part of an action that still runs,
+    or a Guess.  executor: of concurrent.futures, of processes.  session: keeps term
+    functions for solves that start from this estimate; by default one for the process.
 
-    Raises NoContactError, MeasurementError, OptionError, StartError before any solve,
-    and NotConverged or MotionError after it unless `throw` is False; their `estimate`
-    is what throw=False returns, also where the time limit ended the solve.  Ctrl-C
-    raises Interrupted, whose `estimate` of the actions done by then can be a start.
+    Read estimate.summary(), .fit and .remarks before a size: one that no touch
+    determines has a wide sigma.  The first call compiles, for up to half a minute.
+
+    Raises NoContactError, MistakeError, MeasurementError, SceneError, OptionError or
+    StartError before any solve, and NotConverged or MotionError after it unless `throw`
+    is False; their `estimate` is what throw=False returns, also where the time limit
+    ended the solve.  Ctrl-C raises Interrupted, whose `estimate` can be a start.
     """
     one = partial(
         estimate_of_class, data, scene, formulation=formulation, executor=executor,

@@ -32,18 +32,22 @@ NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
 class Options:
     """How to estimate.
 
-    without: names of reductions not to make, as ("planar",) of an object that may tilt;
-    reduce: instead, True or False for all, a Reductions, or names as in without;
-    hypotheses: kept for an update [-]; starts: of the page, per estimate [-]; both by
-    default as many as the sensors' noise leaves open (NOISY_WIDTHS, PRECISE_WIDTHS);
-    tolerance: of the last solve [-]; time_limit [s]: of all, compilation included, kept
-    within 10 % or 1 s: actions not searched are extrapolated, and the status says what
-    was left out; ipopt: options by IPOPT's names; with one that is no field of
-    solvers.options.Settings, IPOPT solves everything; rivals: also compute profile
-    likelihoods of sizes that no touch determines; check_mistakes: refuse measurements
-    in which axes, signs, units, fingers or times are probably wrong (MistakeError), and
-    name a mistake that is likely where the fit is not good; seed: has
-    no effect; a FutureWarning if it is given.
+    seed:           has no effect; a FutureWarning if it is given
+    reduce:         instead of `without`: True or False for all, a Reductions, or names
+    hypotheses:     [-], kept for an update; by default by the sensors' noise, as starts
+    starts:         [-], of the page, per estimate (NOISY_WIDTHS, PRECISE_WIDTHS)
+    tolerance:      [-], of the optimality conditions of the last solve, scaled
+    time_limit:     [s], of all, compilation included, kept within 10 % or 1 s: actions
+                    not searched are extrapolated; the status says what was left out
+    ipopt:          options by IPOPT's names; with one that is no field of
+                    solvers.options.Settings, IPOPT solves everything
+    rivals:         hold each size that no touch determines, a position and a yaw away
+                    from the optimum, and solve again: profile likelihoods, which give
+                    these a sigma and may meet a better optimum
+    check_mistakes: refuse measurements in which axes, signs, units, fingers or times
+                    are probably wrong (MistakeError); name a likely mistake where the
+                    fit is not good
+    without:        names of reductions not to make: ("planar",) for what may tilt
     """
 
     seed: int | None = None
@@ -104,8 +108,11 @@ class Options:
 class Guess:
     """What a user thinks the object is: size and pose at the first sample.
 
-    side_lengths (3,) [m]; position (2,) on the ground or (3,) [m], world frame; yaw
-    [rad] about the ground's normal, ground frame.  Raises StartError.
+    side_lengths: (3,) [m], or as many sizes as the shape has
+    position:     (2,) on the ground or (3,) [m], world frame
+    yaw:          [rad], about the ground's normal, ground frame
+
+    Raises StartError.
     """
 
     side_lengths: np.ndarray

@@ -47,26 +47,32 @@ BY_NAME = ("impulses", "unknowns", "costs", "violations", "multipliers", "second
 @printed
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Shape, poses and impulses that explain the measurements.
+    """Shape, poses and impulses that explain T samples of F fingers.
 
-    theta (n,) [m]; position (T, 3) [m] and quaternion (T, 4) wxyz of the body at every
-    sample, world frame; impulses by contact, (T, 3) [N s] on the object, world frame,
-    over (t-1, t].  Axes of a cuboid: at the first sample z is the one nearest the
-    vertical, x points within 90 degrees of the world's x (of the ground's, where it is
-    tilted), and side x is not shorter than side y; an estimate that continues another
-    one, or a Guess, keeps its names.  unknowns, violations, multipliers by name; costs
-    by name [nats], which add up to the objective: a cost of physics is zero where its
-    law holds (those of the page `paper` may be negative, as printed).
-    seconds of CPU time by step; "compilation": of waiting for compilers.
-    hypotheses, best first, for the next action; information about shape and final pose.
-    origin: the hypothesis it was solved from; reductions and cuts in use: with them the
-    programme can be built again.  progress: of the last solve by iteration; solver:
-    that ended it; stationarity, complementarity: how far its optimality conditions are
-    off, recomputed; all as in Solution.  finger_offset (F, 3) [m]: true less measured
-    finger positions, world frame; None where the scene takes them as exact
-    (Scene.sigma_offset).  fit: how well the model explains the measurements; None for a
-    page that states no touch likelihood; classes: the odds of those that were compared,
-    best first.
+    theta:         (n,) [m], sizes, or vertices one after another, as the page has them
+    position:      (T, 3) [m], of the body's origin, world frame
+    quaternion:    (T, 4) wxyz, body to world
+    body_vertices: (V, 3) [m], body frame
+    impulses:      (T, 3) [N s] by contact, on the object over (t-1, t], world frame
+    unknowns:      (rows, columns) [SI] by the page's names; so are bound_multipliers
+    costs:         [nats] by name, which add up to `objective`; one of physics is zero
+                   where its law holds (of the page `paper` it may be negative)
+    violations:    the largest of each constraint, in its unit; multipliers: by name
+    success, status, iterations, evaluations, progress, solver, stationarity,
+    complementarity: of the solve, as in Solution
+    seconds:       [s] of CPU time by step; "compilation": of waiting for compilers
+    skipped:       reductions made, with checks; faces: how many samples touched each
+    information:   about shape, final pose and trajectory
+    origin:        what it was solved from: with it, reductions, cuts and precision the
+                   programme can be built again
+    hypotheses:    for the next action, best first
+    finger_offset: (F, 3) [m], true less measured, world; None: no Scene.sigma_offset
+    fit:           how well the model explains the data; None: a page without touch term
+    classes:       the odds of those that were compared, best first
+
+    Axes of a cuboid: at the first sample z is the one nearest the vertical, x is within
+    90 degrees of the world's x (of a tilted ground's), side x is not shorter than side
+    y; what continues an estimate, or a Guess, keeps its names.
     """
 
     measurements: Measurements
