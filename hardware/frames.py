@@ -7,14 +7,35 @@ from pathlib import Path
 
 import numpy as np
 
+from tactilenlp.common.validation import check_one_of, check_range
+
 from .clock import Clock
-from .errors import BusError, RecordingError
+from .errors import BusError, RecordingError, RigError
 from .optical_flow import opencv
+from .ranges import check_ranges
 from .reader import FIRST_WAIT, Reader
 
 HANG = 1.0  # [s] that closing waits for a read that does not return
 QUEUE = 64  # [pictures] that wait to be taken: 2 s at 30 Hz
+CAMERA_RANGES = {  # of its options: how many numbers, lowest, highest, unit
+    "size": (2, 1, 100_000, "px"),
+    "rate": (1, 1e-3, 1e5, "Hz"),
+    "exposure": (1, -1e9, 1e9, ""),
+}
 NATURAL = "f_%05d.png"  # how recorded pictures are named
+
+
+def check_camera(where: str, options: dict) -> None:
+    """Raise RigError for options that a Camera does not take, or out of range."""
+    for name, value in options.items():
+        check_one_of(where, name, CAMERA_RANGES, "wrong options", RigError)
+        count, *limits = CAMERA_RANGES[name]
+        if value is None:
+            continue
+        if count > 1:
+            check_ranges(f"camera.{name}", value, count, *limits, RigError)
+        else:
+            check_range(f"camera.{name}", value, *limits, RigError)
 
 
 class Camera(Reader):

@@ -20,10 +20,9 @@ from tactilenlp.errors import typed_call
 
 from .clock import Clock
 from .errors import FrameError, RigError, translated
-from .frames import Camera
+from .frames import Camera, check_camera
 from .kinematics import Finger, finger
 from .motor_joints import JointMap
-from .ranges import check_ranges
 from .serial_reader import OptoForceCan, SerialTactile
 from .serial_tactile import (
     SPEEDS,
@@ -37,7 +36,6 @@ from .wires import check_wires
 SERIAL, ON_CAN, CAMERA = "serial", "can", "camera"  # what a sensor is read through
 DEEPEST = 20  # [levels] of lists and objects in a rig
 FASTEST_SENSOR = 100_000  # [Hz]
-CAMERA_OPTIONS = ("size", "rate", "exposure")
 KINDS = {
     "optoforce": SERIAL,
     "optoforce_can": ON_CAN,
@@ -80,7 +78,7 @@ class Tactile:
         if self.kind.startswith("optoforce"):
             rates, told = sorted(SPEEDS.keys() - {0}), ("no such rate", RigError, "Hz")
             check_one_of("tactile.speed", self.speed, rates, *told)
-        _check_camera(self.camera)
+        check_camera("tactile.camera", self.camera)
         check_range("tactile.latency", self.latency, 0.0, 1.0, "s", RigError)
 
     @property
@@ -119,9 +117,8 @@ class Tactile:
             return OptoForceCan(self.can, **options)
         if self.wire == CAMERA:
             return Camera(self.source, **self.camera, **options)
-        optoforce = self.kind == "optoforce"
-        options["baudrate"] = 1_000_000 if optoforce else 115_200
-        options["configure"] = encode_configuration(self.speed) if optoforce else b""
+        if self.kind == "optoforce":
+            options["configure"] = encode_configuration(self.speed)
         return SerialTactile(str(self.source), self.framer(), **options)
 
 
@@ -219,22 +216,6 @@ class Rig:
             made = Tactile(**tactile) if isinstance(tactile, dict) else tactile
             fingers.append(FingerRig(**one | {"tactile": made}))
         return cls(**given | {"fingers": tuple(fingers)})
-
-
-def _check_camera(options: dict) -> None:
-    """Raise RigError for options that a Camera does not take."""
-    if strange := [key for key in options if key not in CAMERA_OPTIONS]:
-        expected = f"among {CAMERA_OPTIONS}"
-        raise RigError(
-            "wrong options", where="tactile.camera", got=strange, expected=expected
-        )
-    given = {key: value for key, value in options.items() if value is not None}
-    if "size" in given:
-        check_ranges("camera.size", given["size"], 2, 1, 100_000, "px", RigError)
-    if "rate" in given:
-        check_range("camera.rate", given["rate"], 1e-3, 1e5, "Hz", RigError)
-    if "exposure" in given:
-        check_range("camera.exposure", given["exposure"], -1e9, 1e9, "", RigError)
 
 
 def _frozen(value: object, depth: int = 0) -> object:

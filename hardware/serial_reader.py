@@ -23,7 +23,7 @@ class SerialTactile(Reader):
 
     url:       "/dev/ttyACM0", or another port of pyserial
     framer:    splits the bytes into frames, and counts them
-    baudrate:  [Bd], 1 000 000 for OptoForce, 115 200 for AnySkin
+    baudrate:  [Bd], None: that of the framer's sensor
     configure: bytes sent whenever the port is opened, e.g. `encode_configuration`
     sink:      called with every chunk and its time, to record it
 
@@ -36,14 +36,15 @@ class SerialTactile(Reader):
         url: str,
         framer: codec.OptoForceFramer | codec.AnySkinFramer,
         *,
-        baudrate: int = 1_000_000,
+        baudrate: int | None = None,
         name: str = "sensor",
         configure: bytes = b"",
         sink: Callable[[bytes, float], None] | None = None,
         clock: Clock | None = None,
     ) -> None:
         super().__init__(name, clock)
-        self.url, self.framer, self.baudrate = url, framer, baudrate
+        self.url, self.framer = url, framer
+        self.baudrate = framer.baudrate if baudrate is None else baudrate
         self.configure, self.sink = configure, sink
         self.opened = 0
 

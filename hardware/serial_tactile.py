@@ -78,6 +78,8 @@ class OptoForceFramer:
     and counted in `repeated`.
     """
 
+    baudrate = 1_000_000  # [Bd]
+
     def __init__(self) -> None:
         self.good = self.broken = self.lost = self.skipped = self.repeated = 0
         self._buffer = bytearray()
@@ -139,6 +141,8 @@ class AnySkinFramer:
     synchronisation and frames that are not finite; lost frames cannot be counted, and
     `lost` stays 0.
     """
+
+    baudrate = 115_200  # [Bd]
 
     def __init__(self, magnetometers: int = 5) -> None:
         check_whole("magnetometers", magnetometers, 1, MOST_CHIPS, FrameError)

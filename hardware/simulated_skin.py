@@ -37,7 +37,7 @@ class SimulatedSkin:
         self._pixel = np.stack([columns, rows], axis=-1)
 
     def picture(
-        self, direction: np.ndarray | None = None, force: float = 0.0, noise=NOISE
+        self, direction: np.ndarray | None = None, force: float = 0.0
     ) -> np.ndarray:
         """Return a picture while a force [N] presses along a normal of the dome.
 
@@ -48,7 +48,7 @@ class SimulatedSkin:
         if direction is not None and force > 0:
             u, v = np.moveaxis(self._pixel - self.displacement(direction, force), -1, 0)
             picture = ndimage.map_coordinates(picture, [v, u], order=1, mode="reflect")
-        picture = picture + noise * self._rng.normal(size=self.shape)
+        picture = picture + NOISE * self._rng.normal(size=self.shape)
         return np.clip(picture.round(), 0, 255).astype(np.uint8)
 
     def displacement(self, direction: np.ndarray, force: float) -> np.ndarray:

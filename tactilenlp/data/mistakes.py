@@ -69,8 +69,7 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
     """
     if scene.ground is None:
         return
-    record = record_of(data, scene)
-    found, gain, limit = most_likely(record, every=False)
+    found, gain, limit = most_likely(record_of(data, scene), every=False)
     if gain > limit:
         raise MistakeError(
             found.mistake, mistake=found.mistake, nats=gain, where=found.where,
@@ -86,8 +85,7 @@ def suspected(data: Measurements, scene: Scene) -> str:
     """
     if scene.ground is None:
         return ""
-    record = record_of(data, scene)
-    found, gain, limit = most_likely(record, every=False, alpha=SUSPICION)
+    found, gain, limit = most_likely(record_of(data, scene), False, SUSPICION)
     return f"{found.mistake} ({gain:.0f} nats more likely)" if gain > limit else ""
 
 
