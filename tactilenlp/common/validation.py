@@ -57,18 +57,14 @@ def numbers_of(
     any_axes = shape[0] is ...
     sizes = shape[any_axes:]
     tail = array.shape[array.ndim - len(sizes) :] if any_axes else array.shape
-    fit = len(tail) == len(sizes)
-    fit &= all(isinstance(n, str) or n == m for n, m in zip(sizes, tail, strict=False))
+    fit = all(isinstance(n, str) or n == m for n, m in zip(sizes, tail, strict=False))
     known = np.isfinite(array).all() if finite else as_array(value) is not None
-    if fit and known:
+    if fit and known and len(tail) == len(sizes):
         return array
     words = ", ".join("..." if n is ... else str(n) for n in shape)
     words = f"({words}{',' * (len(shape) == 1)}) {'finite ' * finite}numbers {unit}"
-    raise error(
-        "not an array of this shape" if sizes else "no numbers", where=where,
-        got=_short(value) if fit or array.ndim < 2 else f"shape {array.shape}",
-        expected=words.rstrip(), next=next,
-    )  # fmt: skip
+    what = "not an array of this shape" if sizes else "no numbers"
+    _refuse(error, what, where, value, words.rstrip(), next)
 
 
 def as_number(value) -> float:
@@ -99,17 +95,14 @@ def check_kind(where: str, value, kind, error=OptionError, next: str = "") -> No
     """
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if not any(_is(value, k) for k in kinds):
-        expected = " or ".join(map(_word, kinds))
-        parts = {"where": where, "got": _short(value), "expected": expected}
-        raise error("wrong type", next=next or _reader(value, kinds), **parts)
+        fix = next or _reader(value, kinds)
+        _refuse(error, "wrong type", where, value, " or ".join(map(_word, kinds)), fix)
 
 
 def check_path(path) -> None:
     """Raise OptionError unless path is a str or an os.PathLike."""
     if not isinstance(path, (str, os.PathLike)):
-        raise OptionError(
-            "not a path", where="path", got=_short(path), expected="a str or a Path"
-        )
+        _refuse(OptionError, "not a path", "path", path, "a str or a Path")
 
 
 def check_numbers(where: str, expected: str, **given) -> None:
@@ -119,24 +112,19 @@ def check_numbers(where: str, expected: str, **given) -> None:
     """
     for name, (value, low, high) in given.items():
         if not low < as_number(value) <= high:
-            raise OptionError(
-                "out of range", where=f"{where}{name}", got=_short(value),
-                expected=expected,
-            )  # fmt: skip
+            _refuse(OptionError, "out of range", f"{where}{name}", value, expected)
 
 
 def check_range(
-    where: str, value, low: float, high: float, unit: str = "", error=OptionError,
-    next: str = "",
-) -> None:  # fmt: skip
+    where: str, value, low: float, high: float, unit: str = "", error=OptionError
+) -> None:
     """Raise `error` unless a value is one finite number from low to high [unit].
 
     Booleans, words and arrays are no numbers here.
     """
     if not low <= as_number(value) <= high:
         expected = f"a finite number from {low:g} to {high:g} {unit}".rstrip()
-        parts = {"where": where, "got": _short(value), "expected": expected}
-        raise error("out of range", next=next, **parts)
+        _refuse(error, "out of range", where, value, expected)
 
 
 def check_whole(
@@ -144,8 +132,7 @@ def check_whole(
 ) -> None:
     """Raise `error` unless a value is one whole number from low to high."""
     if not (is_whole(value) and low <= value <= high):
-        expected = f"a whole number from {low} to {high}"
-        raise error(what, where=where, got=_short(value), expected=expected)
+        _refuse(error, what, where, value, f"a whole number from {low} to {high}")
 
 
 def check_one_of(
@@ -154,8 +141,7 @@ def check_one_of(
     """Raise `error` unless a value is one of the words or numbers that are known."""
     plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
     if not (plain and value in known):
-        expected = f"one of {[*known]} {unit}".rstrip()
-        raise error(what, where=where, got=_short(value), expected=expected)
+        _refuse(error, what, where, value, f"one of {[*known]} {unit}".rstrip())
 
 
 def check_sample(sample, samples: int, name: str = "sample") -> None:
@@ -183,18 +169,24 @@ def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
     except (TypeError, ValueError):  # not iterable, or it raises
         wanted = None
     if wanted is None or not np.isin(wanted, known).all():
-        raise error(
-            "cannot select", where=where, got=_short(value),
-            expected=f"whole numbers among {np.asarray(known).tolist()}",
-        )  # fmt: skip
+        expected = f"whole numbers among {np.asarray(known).tolist()}"
+        _refuse(error, "cannot select", where, value, expected)
     return wanted
+
+
+def _refuse(error: type, what: str, where: str, value, expected: str, next: str = ""):
+    got = shortened(value, most=VALUE_CHARACTERS)
+    if isinstance(value, np.ndarray) and value.ndim > 1:
+        got += f" of shape {value.shape}"
+    raise error(what, where=where, got=got, expected=expected, next=next)
 
 
 def _reader(value, kinds) -> str:
     """Return how a path or a dict becomes one of these classes, "" if it cannot."""
     path = isinstance(value, (str, os.PathLike))
     able = [k.__name__ for k in kinds if path and hasattr(k, "load")]
-    if isinstance(value, dict) and value and isinstance(kinds[0], type):
+    ours = isinstance(kinds[0], type) and kinds[0].__module__ != "builtins"
+    if isinstance(value, dict) and value and ours:
         return f"write {kinds[0].__name__}(name=value, ...)"
     return f"read a file by {able[0]}.load(path)" if able else ""
 
@@ -210,7 +202,3 @@ def _word(kind) -> str:
     name = getattr(kind, "__name__", str(kind))
     of_python = getattr(kind, "__module__", "") == "builtins"
     return "None" if name == "NoneType" else name if of_python else f"{name}(...)"
-
-
-def _short(value) -> str:
-    return shortened(value, most=VALUE_CHARACTERS)
