@@ -17,7 +17,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from tactilenlp.common.validation import is_rotation
+from tactilenlp.common.validation import (
+    as_floats,
+    check_range,
+    is_rotation,
+    numbers_of,
+)
 
 from .errors import ClockError, RecordingError
 
@@ -123,9 +128,10 @@ def _places(files: list[Path]) -> list[int]:
 def _times(given, count: int, rate: float, where: str) -> np.ndarray:
     """Return the times (N,) [s] of at least `count` pictures; raises ClockError."""
     if given is None:
+        check_range("rate", rate, 1e-3, 1e5, "Hz", ClockError)
         log.warning("%s: no times, pictures are taken as %g Hz", where, rate)
         return np.arange(count) / rate
-    time = np.asarray(given, float)
+    time = numbers_of("times", given, ClockError, "N")
     if len(time) < count:
         raise ClockError(
             "more pictures than times",
@@ -156,7 +162,7 @@ def _matrix(file: Path) -> np.ndarray | None:
 
 
 def _given(matrix: np.ndarray) -> np.ndarray:
-    X_wc = np.asarray(matrix, float)
+    X_wc = as_floats(matrix)
     if X_wc.shape != (4, 4) or not _rigid(X_wc):
         raise RecordingError(
             "no rigid motion",

@@ -216,7 +216,8 @@ def joints_about(fingers, places) -> dict[str, np.ndarray]:
     places: (F, 3) [m], where the tip of each works, world; to a few centimetres.
     """
     found = {"place": [], "jacobian": [], "change": []}
-    for finger, place in zip(fingers, np.asarray(places, float), strict=True):
+    places = numbers_of("places", places, ReachError, len(fingers), 3, unit="[m]")
+    for finger, place in zip(fingers, places, strict=True):
         ends = place + STEP * np.array([np.eye(3), -np.eye(3)])
         ahead, behind = finger.jacobian(finger.inverse(ends))
         angles = finger.inverse(place)

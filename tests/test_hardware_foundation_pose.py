@@ -60,7 +60,9 @@ def test_poses_are_carried_into_the_world(tmp_path):
     assert same(load_poses(tmp_path, world_from_camera=X_wc), X_wc @ X)
 
 
-@pytest.mark.parametrize("wrong", [np.eye(3), 2 * np.eye(4), np.diag([1, 1, -1, 1])])
+@pytest.mark.parametrize(
+    "wrong", [np.eye(3), 2 * np.eye(4), np.diag([1, 1, -1, 1]), "here"]
+)
 def test_a_camera_pose_must_be_a_rigid_motion(tmp_path, wrong):
     write(tmp_path, motions(3), range(3))
     with pytest.raises(RecordingError, match="world_from_camera"):
@@ -118,9 +120,12 @@ def test_times_must_fit_the_pictures(tmp_path):
     write(tmp_path, motions(5), range(5))
     times = 1.7e9 + np.arange(6) / 30
     assert load_poses(tmp_path, times=times).valid.tolist() == [True] * 5 + [False]
-    for wrong in (times[:4], times[::-1], np.r_[times[:5], np.nan]):
+    for wrong in (times[:4], times[::-1], np.r_[times[:5], np.nan], "now", 0.1):
         with pytest.raises(ClockError):
             load_poses(tmp_path, times=wrong)
+    for wrong in (0.0, np.nan, "30"):
+        with pytest.raises(ClockError, match="rate: out of range"):
+            load_poses(tmp_path, rate=wrong)
 
 
 def test_a_folder_without_poses_is_refused(tmp_path):

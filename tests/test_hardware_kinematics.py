@@ -9,7 +9,7 @@ import pytest
 from bench import capture
 
 from hardware.errors import ReachError, RigError
-from hardware.kinematics import INITIAL, ROBOTS, finger
+from hardware.kinematics import INITIAL, ROBOTS, finger, joints_about
 
 THREE, PAIR, I3 = (0, 120, 240), (0, 180), np.eye(3)
 MUJOCO = (
@@ -24,6 +24,12 @@ def configurations(n, seed=0):
     angles = rng.uniform((-1.2, -0.6, -2.7), (1.0, 1.5, -0.05), (2 * n, 3))
     below = np.cos(angles[:, 1]) + np.cos(angles[:, 1] + angles[:, 2]) > 0.05
     return angles[below][:n]
+
+
+def test_places_of_joints_are_one_for_each_finger():
+    for wrong in ("here", np.zeros((1, 3)), np.zeros((2, 2))):
+        with pytest.raises(ReachError, match=r"places: .*\(2, 3\) numbers \[m\]"):
+            joints_about([finger(), finger(degrees=180)], wrong)
 
 
 def urdf_model():

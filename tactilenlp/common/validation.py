@@ -63,7 +63,9 @@ def numbers_of(
         return array
     words = ", ".join("..." if n is ... else str(n) for n in shape)
     words = f"({words}{',' * (len(shape) == 1)}) {'finite ' * finite}numbers {unit}"
-    what = "not an array of this shape" if sizes else "no numbers"
+    what = "not an array of this shape"
+    if not sizes:
+        what, words = "no numbers", "a number or an array of numbers"
     _refuse(error, what, where, value, words.rstrip(), next)
 
 
