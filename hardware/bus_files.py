@@ -2,8 +2,9 @@
 
 A .blf holds times relative to the start time in its header, which python-can writes
 when the file is closed: a process that is killed would leave times without an origin.
-Here the header is on the disk before the first frame.  What else survives SIGKILL: all
-but the last 8 kB of a bus: the frames of 43 ms of a board that sends all it measures.
+Here a header with a start time is on the disk before the first frame.  What else
+survives SIGKILL: all but the last 8 kB of a bus, the frames of 43 ms of a board that
+sends all it measures.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .errors import RecordingError, translated
 
 FORMATS = ("blf", "log")
 BLOCK = 8192  # [bytes] of a .blf before compression: 4 % longer files than with 128 kB
-EARLIER = 1.0  # [s] before the first frame: frames may be written in another order
+START = 1.5e9  # [s], 2017: before all frames, so near that stamps keep all digits
 DAMAGED = "check that the file is complete"
 ABSOLUTE = 1e9  # [s], the year 2001: smaller stamps are no time of day
 
@@ -28,10 +29,13 @@ class BusFile:
     """Write frames to a new file; raises FileExistsError where there is one."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._blf, self._begun = path, path.suffix == ".blf", False
+        self._blf = path.suffix == ".blf"
         if self._blf:
-            self._file = path.open("xb")
-            self._writer = can.BLFWriter(self._file)
+            with can.BLFWriter(path.open("xb")) as header:
+                header.start_timestamp = START
+            self._file = path.open("rb+")
+            self._writer = can.BLFWriter(self._file, append=True)
+            self._writer.max_container_size = BLOCK
         else:
             self._file = path.open("x", encoding="utf-8")
             self._writer = can.CanutilsLogWriter(self._file)
@@ -41,8 +45,6 @@ class BusFile:
         """Write one frame."""
         row = copy(message)
         row.channel = None  # one file per bus; a log cannot hold every name
-        if self._blf and not self._begun:
-            self._begin(message.timestamp)
         self._writer.on_message_received(row)
         if self._blf:
             self._file.flush()  # does nothing but after a block
@@ -53,18 +55,6 @@ class BusFile:
             self._writer.stop()
         finally:
             self._file.close()
-
-    def _begin(self, stamp: float) -> None:
-        """Write a header with the start time, then continue that file.
-
-        A marker, as any object, makes `stop` write the start time; a writer that
-        appends takes the start time from the header.  All of this is public.
-        """
-        self._writer.stop()
-        with can.BLFWriter(self._path.open("wb")) as first:
-            first.log_event("begin", stamp - EARLIER)
-        self._file, self._begun = self._path.open("rb+"), True
-        self._writer = can.BLFWriter(self._file, append=True, max_container_size=BLOCK)
 
 
 def read_frames(path: Path, cut: bool) -> Iterator[can.Message]:
