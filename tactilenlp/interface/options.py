@@ -154,15 +154,15 @@ class Session:
         """Return the term functions of the estimate `start`; new ones of any other."""
         if getattr(start, "origin", None) not in self._by_origin:
             return TermFunctions()
-        known, functions = self._by_origin[start.origin]
+        solved_as, functions = self._by_origin[start.origin]
         # A page that was edited and reloaded has another `build`.
-        same = known == (scene.as_told, shape, page.build)
+        same = solved_as == (scene.as_told, shape, page.build)
         return functions if same else TermFunctions()
 
     def keep(self, estimate, job) -> None:
         """Keep the term functions of a job for solves that start from its estimate."""
-        known = job.scene.as_told, job.shape, job.page.build
-        self._by_origin[estimate.origin] = known, job.functions
+        solved_as = job.scene.as_told, job.shape, job.page.build
+        self._by_origin[estimate.origin] = solved_as, job.functions
 
 
 PROCESS = Session()  # the default session: one in every process

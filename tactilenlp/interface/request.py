@@ -101,12 +101,11 @@ def read_request(
     job.deadline.spent.update(checking.spent)
     if isinstance(start, Estimate) and scene.latency is None:
         job = job.as_late_as(start.sensors)
-    known = [] if start is None else carried_hypotheses(start, shape, scene, data)
+    carried = [] if start is None else carried_hypotheses(start, shape, scene, data)
     if shape.parameters == "sizes" and isinstance(start, Estimate):
         # What another page found is no posterior of this one.
-        known = known if start.formulation == name_of(page) else []
-    axes = kept_axes(start, job)
-    return Request(data, job, start, executor, axes), known
+        carried = carried if start.formulation == name_of(page) else []
+    return Request(data, job, start, executor, kept_axes(start, job)), carried
 
 
 def asked(scene, shape, formulation, options, executor) -> tuple:

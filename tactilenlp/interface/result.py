@@ -288,9 +288,9 @@ SOLVED = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annotati
 
 def solution_of(estimate: Estimate, page) -> Solution:
     """Return the solution of a page that an estimate was read from."""
-    known = {name: getattr(estimate, name) for name in SOLVED}
+    solved = {name: getattr(estimate, name) for name in SOLVED}
     return Solution(
-        values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **known
+        values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **solved
     )
 
 
