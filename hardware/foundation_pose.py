@@ -17,12 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from tactilenlp.common.validation import (
-    as_floats,
-    check_range,
-    is_rotation,
-    numbers_of,
-)
+from tactilenlp.common.validation import as_floats, check_range, is_rotation, numbers_of
 
 from .errors import ClockError, RecordingError
 

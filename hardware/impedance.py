@@ -62,12 +62,8 @@ class Gains:
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        parts = (
-            ("stiffness", STIFFEST, "N m/rad"),
-            ("damping", MOST_DAMPED, "N m s/rad"),
-        )
-        for name, most, unit in parts:
-            check_ranges(f"Gains.{name}", getattr(self, name), 3, 0.0, most, unit)
+        check_ranges("Gains.stiffness", self.stiffness, 3, 0.0, STIFFEST, "N m/rad")
+        check_ranges("Gains.damping", self.damping, 3, 0.0, MOST_DAMPED, "N m s/rad")
         check_range("Gains.torque", self.torque, 0.0, STRONGEST, "N m", LimitError)
         check_range("Gains.weight", self.weight, 0.0, 2.0, "", LimitError)
 

@@ -13,12 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tactilenlp.common.validation import (
-    as_number,
-    check_range,
-    check_whole,
-    numbers_of,
-)
+from tactilenlp.common.validation import as_number, check_range, check_whole, numbers_of
 from tactilenlp.errors import shortened, typed_call
 
 from .errors import FrameError, SensorError

@@ -9,12 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..common.brief import printed
-from ..common.validation import (
-    as_floats,
-    as_number,
-    check_types,
-    check_whole,
-)
+from ..common.validation import as_floats, as_number, check_types, check_whole
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
 from ..problem.reductions import Reductions
