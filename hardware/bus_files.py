@@ -19,8 +19,8 @@ import can
 from .errors import RecordingError, translated
 
 FORMATS = ("blf", "log")
-BLOCK = 8192  # [bytes] of a .blf before compression: 4 % longer files than with 128 kB
-START = 1.5e9  # [s], 2017: before all frames, so near that stamps keep all digits
+CONTAINER = 8192  # [bytes] before compression: files 4 % longer than with 128 kB
+FILE_BEGIN = 1.5e9  # [s], 2017: before all frames, so near that stamps keep all digits
 DAMAGED = "check that the file is complete"
 ABSOLUTE = 1e9  # [s], the year 2001: smaller stamps are no time of day
 
@@ -32,10 +32,10 @@ class BusFile:
         self._blf = path.suffix == ".blf"
         if self._blf:
             with can.BLFWriter(path.open("xb")) as header:
-                header.start_timestamp = START
+                header.start_timestamp = FILE_BEGIN
             self._file = path.open("rb+")
             self._writer = can.BLFWriter(self._file, append=True)
-            self._writer.max_container_size = BLOCK
+            self._writer.max_container_size = CONTAINER
         else:
             self._file = path.open("x", encoding="utf-8")
             self._writer = can.CanutilsLogWriter(self._file)
