@@ -55,24 +55,20 @@ class Estimate:
     body_vertices: (V, 3) [m], body frame
     impulses:      (T, 3) [N s] by contact, on the object over (t-1, t], world frame
     unknowns:      (rows, columns) [SI] by the page's names; so are bound_multipliers
-    costs:         [nats] by name, which add up to `objective`; one of physics is zero
-                   where its law holds (of the page `paper` it may be negative)
+    costs:         [nats] by name, sum `objective`; of physics 0 where its law holds
     violations:    the largest of each constraint, in its unit; multipliers: by name
     success, status, iterations, evaluations, progress, solver, stationarity,
     complementarity: of the solve, as in Solution
     seconds:       [s] of CPU time by step; "compilation": of waiting for compilers
     skipped:       reductions made, with checks; faces: how many samples touched each
     information:   about shape, final pose and trajectory
-    origin:        what it was solved from: with it, reductions, cuts and precision the
-                   programme can be built again
-    hypotheses:    for the next action, best first
+    hypotheses:    for the next action, best first; origin: what it was solved from
     finger_offset: (F, 3) [m], true less measured, world; None: no Scene.sigma_offset
     fit:           how well the model explains the data; None: a page without touch term
     classes:       the odds of those that were compared, best first
 
-    Axes of a cuboid: at the first sample z is the one nearest the vertical, x is within
-    90 degrees of the world's x (of a tilted ground's), side x is not shorter than side
-    y; what continues an estimate, or a Guess, keeps its names.
+    Axes of a cuboid at the first sample: z is nearest the vertical, x within 90 degrees
+    of the world's (a tilted ground's) and not shorter than y; updates keep their names.
     """
 
     measurements: Measurements
