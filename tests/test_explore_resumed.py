@@ -1,12 +1,13 @@
 """An exploration goes on with a world that was made anew and begins at time zero."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_explore import SAME, Recorder, fresh
 
-from tactilenlp import Exploration, World, explore
+from tactilenlp import Exploration, World, choose_action, explore
 from tactilenlp.errors import MeasurementError, StartError
 
 
@@ -38,6 +39,21 @@ def test_times_go_on_after_those_that_are_kept(begun, file):
         )
     )
     assert again[-1].estimate.objective == last.estimate.objective
+
+
+def test_a_kept_choice_is_repeated_from_its_seed_and_older_files_have_none(begun, file):
+    *_, last = explore(fresh(), file=file, **SAME | {"actions": 1})
+    kept = Exploration.load(file).at(1).choice
+    given = {"search": kept.search, "budget": kept.evaluations, "seed": kept.seed}
+    again = choose_action(begun[0].estimate, last.action.workspace, **given)
+    assert np.array_equal(again.tried, kept.tried)
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    header = json.loads(str(arrays["header"]))
+    choice = header["content"]["fields"]["steps"]["list"][1]["fields"]["choice"]
+    del choice["fields"]["seed"]
+    np.savez(file, **arrays | {"header": np.array(json.dumps(header))})
+    assert Exploration.load(file).at(1).choice.seed is None
 
 
 def test_a_replayed_world_measures_as_if_nothing_had_happened(begun, file, caplog):

@@ -40,6 +40,7 @@ class Choice:
     search:      its name
     history:     (n,) [nats], the gains of all evaluated actions, in order
     tried:       (n, 2 F) [rad], their angles
+    seed:        of the search: choose_action repeats it; None in files without it
     """
 
     action: Action
@@ -49,6 +50,7 @@ class Choice:
     search: str
     history: np.ndarray
     tried: np.ndarray
+    seed: int | None = None
 
 
 @typed_call()
@@ -131,6 +133,7 @@ def best_action(
         search=name,
         history=np.array(objective.scores),
         tried=np.array(objective.tried),
+        seed=int(seed),
     )
 
 
