@@ -50,7 +50,7 @@ _HOMES = {
     "Exploration": "exploration.log",
     "Plan": "exploration.policies",
     "World": "simulation.world",
-    "TouchedWorld": "exploration.action_space",
+    "TouchedWorld": "exploration.first_touch",
     "TrueBody": "evaluation.metrics",
     "Trajectories": "data.trajectories",
     "Body": "identification.body",

@@ -209,3 +209,31 @@ def test_slopes_of_a_push_are_those_of_differences(x, reach):
                         for e in h * np.eye(6)], axis=1)  # fmt: skip
     assert np.abs(moved(z)).max() > 1e-5
     assert pytest.approx(numeric, abs=0.03 * np.abs(numeric).max()) == M
+
+
+WALL = (-np.inf, 0.03, -np.inf, np.inf, np.inf, np.inf)  # [m] beyond y = 0.03
+
+
+def test_an_action_through_an_obstacle_is_refused_and_random_ones_avoid_it():
+    space, target = Workspace(obstacles=[WALL]), np.array([0.0, 0.0, 0.02])
+    through, past = ([a, 0.2, a, 0.2] for a in np.radians([60.0, -15.0]))
+    through[2:] = past[2:]  # only the first finger comes from beyond the wall
+    assert Workspace().action(through).trajectory(target).time[-1] == 1.0
+    assert space.action(through).blocked(target)
+    with pytest.raises(OptionError, match=r"obstacles.*avoids them"):
+        space.action(through).trajectory(target)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        p = space.random(rng, target=target).trajectory(target).finger_position
+        assert p[..., 1].max() <= 0.03 - space.finger_radius
+    walled = Workspace(obstacles=[(-1, -1, -1, 1, 1, 1)])
+    with pytest.raises(OptionError, match="obstacles"):
+        walled.random(rng, target=target)
+
+
+@pytest.mark.parametrize(
+    "wrong", [(0, 0, 0, 1, 1, 1), [(0, 0, 0, 1, 1)], [(1, 0, 0, 0, 1, 1)], "wall"]
+)
+def test_obstacles_that_are_no_boxes_are_refused(wrong):
+    with pytest.raises(OptionError, match=r"obstacles.*lower corner first"):
+        Workspace(obstacles=wrong)

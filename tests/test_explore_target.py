@@ -21,6 +21,7 @@ from tactilenlp.exploration.expected_information import (
     ExpectedInformation,
     push_constants,
 )
+from tactilenlp.exploration.first_touch import check_reach
 from tactilenlp.exploration.log import check_same
 from tactilenlp.exploration.policies import farthest_action, last_contact, why_lost
 
@@ -87,7 +88,7 @@ def test_an_exploration_goes_on_until_the_fit_is_good(estimate, monkeypatch):
 def test_farthest_turns_away_from_what_was_tried():
     space, rng = Workspace(), np.random.default_rng(0)
     past = [space.action([0.8, 0.1, 0.8, 0.1])] * 2
-    data = SimpleNamespace(measurements=None)
+    data = SimpleNamespace(measurements=None, position=np.zeros((1, 3)))
     plan = SimpleNamespace(past=past, workspace=space, rng=rng, estimate=data)
     angles = farthest_action(plan).angles
     assert (angles[[0, 2]] < 0.2).all() or (angles[[1, 3]] > 0.9).any()
@@ -123,7 +124,8 @@ def test_farthest_compares_normals_in_the_frame_of_the_ground():
         data = SimpleNamespace(normal=felt, contact=np.ones((1, 2), bool))
         plan = SimpleNamespace(
             past=[], workspace=Workspace(ground=ground),
-            estimate=SimpleNamespace(measurements=data), rng=np.random.default_rng(0),
+            estimate=SimpleNamespace(measurements=data, position=np.zeros((1, 3))),
+            rng=np.random.default_rng(0),
         )  # fmt: skip
         chosen.append(farthest_action(plan).angles)
     assert chosen[0] == pytest.approx(chosen[1])
@@ -169,3 +171,27 @@ def test_fingers_and_frictions_of_a_choice_are_those_of_the_estimate(estimate):
     assert push_constants(loose, space)[:2] == pytest.approx([0.17, 0.6])
     told = replace(free, friction_ground=0.3)
     assert push_constants(replace(loose, scene=told), space)[0] == 0.3
+
+
+def test_a_chosen_action_avoids_an_obstacle_and_none_is_refused(estimate):
+    target, free = estimate.position[-1], choose_action(estimate, budget=20).action
+    start = free.trajectory(target).finger_position[0, 0]
+    post = Workspace(obstacles=[(*(start - 0.01), *(start + 0.01))])
+    assert post.action(free.angles).blocked(target)
+    other = choose_action(estimate, post, budget=20)
+    assert not other.action.blocked(target)
+    assert other.history.min() < 0  # what met the post counts as the worst
+    walled = Workspace(obstacles=[(*(target - 1), *(target + 1))])
+    with pytest.raises(OptionError, match="obstacles"):
+        choose_action(estimate, walled, budget=4)
+
+
+def test_a_sweep_and_a_check_leave_out_what_meets_an_obstacle(estimate):
+    told, wall = [], Workspace(obstacles=[(0.02, -1, -1, 1, 1, 1)])
+    world = SimpleNamespace(check=lambda t: told.append(t.finger_position[:, 0]))
+    check_reach(world, wall, None, None)
+    assert told
+    assert max(way[:, 0].max() for way in told) <= 0.01
+    told.clear()
+    check_reach(world, wall, None, estimate)  # the first finger comes from +x
+    assert not told

@@ -93,11 +93,17 @@ def most_informative(
     expected = ExpectedInformation(estimate, workspace, **given)
     if prior_only:
         expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
-    space = expected.workspace
+    space, target = expected.workspace, expected.target
+
+    def score(angles) -> float:
+        action = space.action(angles)
+        return -np.inf if action.blocked(target) else expected.gain(action)
+
     choice = best_action(
-        lambda angles: expected.gain(space.action(angles)), space, search=search,
-        budget=budget, seed=seed, facing=facing(estimate, space),
+        score, space, search=search, budget=budget, seed=seed,
+        facing=facing(estimate, space),
     )  # fmt: skip
+    choice.action.trajectory(target)  # raises where every action met an obstacle
     return replace(choice, seconds=time.process_time() - began)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -14,13 +13,13 @@ from formulations import exploration as page
 from ..common.brief import printed, shown
 from ..common.validation import (
     as_array,
+    as_floats,
     as_number,
     check_types,
     checked_array,
     is_whole,
 )
 from ..data.ground import frame_of
-from ..data.measurements import Measurements
 from ..data.scene import Ground
 from ..errors import OptionError, shortened, typed_call
 
@@ -30,6 +29,7 @@ MOST_POINTS = 20_000  # [1] of all fingers in a trajectory
 MAX_RADIUS = 10.0  # [m]; larger values are most likely millimetres
 SIMULATION_BOUND, ROBOT_BOUND = 2 * np.pi / 5, np.pi / 4  # [rad] of the paper
 SINGLE_FINGER_BOUND = np.pi  # [rad] of right ascension: any direction
+FREE_DRAWS = 1000  # [1] actions drawn at most until one avoids the obstacles
 
 
 @printed
@@ -44,19 +44,6 @@ class Trajectory:
 
     time: np.ndarray
     finger_position: np.ndarray
-
-
-@runtime_checkable
-class TouchedWorld(Protocol):
-    """What `explore` asks of a world, simulated or real.
-
-    Optional members, used where they exist: finger_radius [m], a number or (F,), from
-    which the workspace is made; check(trajectory), which raises for what is out of
-    reach, before the first command; true_body(time), the truth (evaluation/).
-    """
-
-    def execute(self, trajectory: Trajectory) -> Measurements:
-        """Move the fingers along a path and back; return what was felt on the way."""
 
 
 @typed_call()
@@ -74,6 +61,8 @@ class Workspace:
     stiffness:     [N/m], of a finger's servo
     max_force:     [N], of a finger's servo
     ground:        Ground, in whose frame all angles are; None: world frame, no ground
+    obstacles:     rows (x, y, z, x, y, z) [m], lowest and highest corner of boxes that
+                   no fingertip may meet on its way; world frame, infinite ones as well
     """
 
     fingers: int = 2
@@ -86,6 +75,7 @@ class Workspace:
     stiffness: float = 3125.0
     max_force: float = 8.0
     ground: Ground | None = field(default_factory=Ground)
+    obstacles: tuple = ()
 
     def __post_init__(self) -> None:
         if not (is_whole(self.fingers) and 1 <= self.fingers <= MOST_FINGERS):
@@ -109,6 +99,12 @@ class Workspace:
         if self.radius <= least:
             fix = "lines must start outside the gap between fingers"
             raise _option_error("radius", f"above {least:.3g} m", self.radius, fix)
+        boxes = as_floats(self.obstacles)
+        rows = boxes.ndim == 2 and boxes.shape[1] == 6
+        if boxes.size and not (rows and (boxes[:, :3] < boxes[:, 3:]).all()):
+            expected = "rows of six numbers [m], the lower corner first"
+            raise _option_error("obstacles", expected, self.obstacles)
+        object.__setattr__(self, "obstacles", tuple(map(tuple, boxes.tolist())))
 
     @classmethod
     def robot(cls, **overrides) -> Workspace:
@@ -155,10 +151,24 @@ class Workspace:
         """Return the action with these angles (2 F,) [rad], checked."""
         return Action(angles, self, active)
 
-    def random(self, rng: np.random.Generator, active=None) -> Action:
-        """Return an action drawn uniformly from all angles."""
+    def random(self, rng: np.random.Generator, active=None, target=None) -> Action:
+        """Return an action drawn uniformly, given a target (3,) [m] from the free ones.
+
+        Raises OptionError where FREE_DRAWS actions meet an obstacle on the way to it.
+        """
         check_types(rng=(rng, np.random.Generator))
-        return self.action(rng.uniform(self.lower, self.upper), active)
+        for _ in range(FREE_DRAWS):
+            action = self.action(rng.uniform(self.lower, self.upper), active)
+            if target is None or not action.blocked(target):
+                return action
+        action.trajectory(target)  # raises
+
+    def blocked(self, way: np.ndarray) -> bool:
+        """Tell whether a finger that moves meets an obstacle; way: (n, F, 3) [m]."""
+        way = way[:, np.ptp(way, axis=0).any(axis=1), None]
+        low, high = np.reshape(self.obstacles, (-1, 2, 3)).swapaxes(0, 1)
+        away = np.linalg.norm(way - np.clip(way, low, high), axis=-1)
+        return bool((away < self.finger_radius).any())
 
 
 def workspace_of(radius, ground: Ground | None) -> Workspace:
@@ -217,13 +227,25 @@ class Action:
         return np.array([ca.DM(page.direction(*t)).full()[:, 0] for t in triples])
 
     def trajectory(self, target) -> Trajectory:
-        """Return the path of all fingers towards a target (3,) [m], world frame."""
-        n = round(self.workspace.duration * POINT_RATE) + 1
-        time = np.linspace(0, self.workspace.duration, n)
-        return Trajectory(time, self.positions(target, n))
+        """Return the path of all fingers towards a target (3,) [m], world frame.
 
-    def positions(self, target: np.ndarray, n: int) -> np.ndarray:
-        """Return finger positions (n, F, 3) [m] at n instants, world frame."""
+        Raises OptionError if it meets an obstacle.
+        """
+        space, way = self.workspace, self.positions(target)
+        if space.blocked(way):
+            expected = f"a way to {np.round(target, 4).tolist()} m that avoids them"
+            fix = "give other angles, or move the obstacles"
+            raise _option_error("obstacles", expected, space.obstacles, fix)
+        return Trajectory(np.linspace(0, space.duration, len(way)), way)
+
+    def blocked(self, target) -> bool:
+        """Tell whether a fingertip meets an obstacle on its way to a target (3,)."""
+        space = self.workspace
+        return bool(space.obstacles) and space.blocked(self.positions(target))
+
+    def positions(self, target: np.ndarray, n: int | None = None) -> np.ndarray:
+        """Return positions (n, F, 3) [m] at n instants, the trajectory's by default."""
+        n = round(self.workspace.duration * POINT_RATE) + 1 if n is None else n
         space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
         most = MOST_POINTS // space.fingers
         if not (is_whole(n) and 2 <= n <= most):
@@ -272,7 +294,6 @@ def _finger_lines(fingers: int, n: int, alone: bool) -> ca.Function:
 def _option_error(
     where: str, expected: str, got: object, next: str = ""
 ) -> OptionError:
-    got = shortened(got, str, 80)
-    parts = {"where": where, "expected": expected, "got": got, "next": next}
     problem = "not an action" if where == "angles" else "cannot be planned with"
-    return OptionError(problem, **parts)
+    given = {"expected": expected, "got": shortened(got, str, 80), "next": next}
+    return OptionError(problem, where=where, **given)

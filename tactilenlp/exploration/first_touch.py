@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from itertools import pairwise, product
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,13 +20,26 @@ from ..data.ground import frame_of
 from ..data.measurements import Measurements
 from ..errors import NoContactError, OptionError, shortened
 from ..interface.result import Estimate
-from .action_space import POINT_RATE, TouchedWorld, Trajectory, Workspace
+from .action_space import POINT_RATE, Trajectory, Workspace
 
 SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide
 SEGMENT_LENGTH = 0.05  # [m] of one motion: a touched object is not pushed farther
 SWEEP_LIFT = 0.005  # [m] of the fingertip above its least height
 AIM_HEIGHT = 0.02  # [m] from the ground, where the centre has no third coordinate
 log = logging.getLogger("tactilenlp")
+
+
+@runtime_checkable
+class TouchedWorld(Protocol):
+    """What `explore` asks of a world, simulated or real.
+
+    Optional members, used where they exist: finger_radius [m], a number or (F,), from
+    which the workspace is made; check(trajectory), which raises for what is out of
+    reach, before the first command; true_body(time), the truth (evaluation/).
+    """
+
+    def execute(self, trajectory: Trajectory) -> Measurements:
+        """Move the fingers along a path and back; return what was felt on the way."""
 
 
 def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
@@ -58,7 +72,8 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
                 away = 3 * space.radius * np.r_[np.cos(angle), np.sin(angle), 0.5]
                 position[:, f] = middle + away
             position = frame.from_ground(position)
-            yield Trajectory(share[:, 0] * space.duration, position)
+            if not space.blocked(position):
+                yield Trajectory(share[:, 0] * space.duration, position)
 
 
 def first_touch(world, space: Workspace, centre, rng):
@@ -70,7 +85,7 @@ def first_touch(world, space: Workspace, centre, rng):
     alone, told = tuple(f == 0 for f in range(space.fingers)), []
     if centre is not None:
         centre = aim(space, centre)
-        action = space.random(rng, alone)
+        action = space.random(rng, alone, centre)
         told.append(action.trajectory(centre))
         data = executed(world, told[-1])
         if lasting_touch(data):
@@ -132,8 +147,8 @@ def check_reach(world, space: Workspace, centre, estimate: Estimate | None) -> N
     """Raise what `world.check(trajectory)` raises for a motion that may be asked of it.
 
     Checked are actions at the bounds of the angles and between, towards the last known
-    position of the object or else `centre`; without either, the sweep.  A world without
-    `check` is not asked.
+    position of the object or else `centre`; without either, the sweep.  What meets an
+    obstacle is not asked.  A world without `check` is not asked.
     """
     check = getattr(world, "check", None)
     if check is None:
@@ -144,7 +159,8 @@ def check_reach(world, space: Workspace, centre, estimate: Estimate | None) -> N
         lower, upper = space.lower[:2], space.upper[:2]  # of every finger alike
         bounds = zip(lower, (lower + upper) / 2, upper, strict=True)
         actions = (space.action(np.tile(a, space.fingers)) for a in product(*bounds))
-        motions = (action.trajectory(target) for action in actions)
+        free = (action for action in actions if not action.blocked(target))
+        motions = (action.trajectory(target) for action in free)
     for trajectory in motions:
         check(trajectory)
 

@@ -93,7 +93,7 @@ def next_action(estimate, space, past, rng, settings, shapes):
     if lost:
         log.warning("%s: aiming at the last contact", lost)
         target = last_contact(estimate)
-        return space.random(rng), None, "last contact", target
+        return space.random(rng, None, target), None, "last contact", target
     search, shape = settings.search, shape_of_start(estimate, shapes)
     plan = Plan(estimate, space, tuple(past), rng, search, settings.budget, shape)
     if callable(policy):
@@ -106,8 +106,9 @@ def next_action(estimate, space, past, rng, settings, shapes):
             prior_only=policy == "fisher", shape=plan.shape,
         )  # fmt: skip
         return choice.action, choice, policy, target
-    action = space.random(rng) if policy == "random" else farthest_action(plan)
-    return action, None, policy, target
+    if policy == "random":
+        return space.random(rng, None, target), None, policy, target
+    return farthest_action(plan), None, policy, target
 
 
 def why_lost(estimate) -> str:
@@ -152,5 +153,6 @@ def farthest_action(plan: Plan) -> Action:
     def nearest(action) -> float:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
 
-    drawn = (plan.workspace.random(plan.rng) for _ in range(FARTHEST_DRAWS))
+    given = plan.rng, None, plan.estimate.position[-1]
+    drawn = (plan.workspace.random(*given) for _ in range(FARTHEST_DRAWS))
     return max(drawn, key=nearest)
