@@ -65,29 +65,21 @@ def identify_body(
     xyzw), OptionError, SceneError before the solve, MotionError where nothing touches
     the ground, NotConverged (unless `throw` is False) after it.
     """
-    check_numbers("", "a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
-    began, deadline = time.process_time(), Deadline.within(time_limit)
-    solves = Deadline.within((1 - READOUT_SHARE) * time_limit)
     scene = Scene() if scene is None else scene
     options = DEFAULT_SOLVER if options is None else options
-    _check(trajectories, scene, shape, gauge, options)
+    _check(trajectories, scene, shape, gauge, options, time_limit)
+    began, deadline = time.process_time(), Deadline.within(time_limit)
+    solves = deadline.until(Deadline.within((1 - READOUT_SHARE) * time_limit).at)
     with deadline.spending(STARTS):
         steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
-    end = min(solves.at, options.deadline.at)
-    options = replace(options, deadline=deadline.until(end))
-    given = signs, trajectories.dt, scene, options
-    problem, window, solution, chosen = _best(steps, starts, *given)
-    if throw and not solution.success:
-        raise not_converged(problem, solution)
-    spread = _covariance(problem, solution, deadline)
-    body = _read_off(
-        trajectories, scene, shape, problem, window, solution, signs, ruler, spread
-    )
-    left = len(chosen) - len(window.step), int(steps.resting.sum())
-    words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
-    seconds = solution.seconds | {"total": time.process_time() - began}
-    status = deadline.marked(solution.status)
-    return replace(body, skipped=(words,), seconds=seconds, status=status)
+    options = replace(options, deadline=solves.until(options.deadline.at))
+    found = _best(steps, starts, signs, trajectories.dt, scene, options)
+    if throw and not found[2].success:
+        raise not_converged(found[0], found[2])
+    known = trajectories, scene, shape, steps, signs, ruler
+    body = _read_off(*known, *found, _covariance(found[0], found[2], deadline))
+    seconds = body.seconds | {"total": time.process_time() - began}
+    return replace(body, seconds=seconds, status=deadline.marked(body.status))
 
 
 def _best(steps, starts, signs, dt, scene, options):
@@ -165,7 +157,8 @@ def _solved_in_time(window, scene, options):
     return problem, evaluated(problem, {})
 
 
-def _check(trajectories, scene, shape, gauge, options) -> None:
+def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
+    check_numbers("", "a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
     check_types(
         trajectories=(trajectories, Trajectories),
         scene=(scene, Scene),
@@ -211,8 +204,11 @@ def _covariance(problem, solution, deadline) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_off(
-    trajectories, scene, shape, problem, window, solution, signs, ruler, spread
-) -> Body:
+    trajectories, scene, shape, steps, signs, ruler, problem, window, solution, chosen,
+    spread,
+) -> Body:  # fmt: skip
+    left = len(chosen) - len(window.step), int(steps.resting.sum())
+    words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     values = {k: v.squeeze() for k, v in solution.values.items()}
     C, names = spread
     deviation = np.sqrt(np.where(np.diag(C) < 0, np.inf, np.diag(C)))
@@ -238,7 +234,7 @@ def _read_off(
         ground=values["plane"], gauge=ruler[0], sigma=sigma,
         impulses=_impulses(trajectories, scene, problem, window, solution),
         costs=solution.costs, violations=solution.violations,
-        objective=solution.objective, unobserved=tuple(lost.tolist()), skipped=(),
+        objective=solution.objective, unobserved=tuple(lost.tolist()), skipped=(words,),
         fit=fit, tosses=window.tosses, success=solution.success, status=solution.status,
         iterations=solution.iterations, seconds=solution.seconds,
     )  # fmt: skip
