@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import TOSSES
 from scipy.spatial.transform import Rotation
 
 from formulations import known_trajectory as page
@@ -112,6 +113,24 @@ def test_gravity_of_a_parabola_is_exact():
     found, sigma = gravity_of(steps, 0.05 * CUBE_SIGNS.T, 0.01)
     assert found == pytest.approx(9.7, rel=1e-9)
     assert 0 < sigma < 0.5
+
+
+def test_a_bounce_of_a_body_that_is_guessed_too_small_is_no_part_of_the_fall():
+    time = np.arange(24) * 0.01
+    z = 1.0 - 9.7 / 2 * time**2
+    z[18:] = 2 * z[17] - z[17:11:-1]  # it rises as it fell
+    position = np.stack([time, 0 * time, z], axis=1)
+    steps = steps_of(np.zeros(24, int), position, Rotation.identity(24), 0.01, 9.81)
+    found, _ = gravity_of(steps, 0.01 * CUBE_SIGNS.T, 0.01)
+    assert found == pytest.approx(9.7, rel=1e-9)
+
+
+@pytest.mark.parametrize("toss", [46, 464, 503])  # held by a hand; bouncing; bouncing
+def test_a_single_toss_is_refused_for_no_hand_and_no_bounce(toss):
+    if not TOSSES.exists():
+        pytest.skip("no recorded tosses beside this checkout")
+    one = Trajectories.load(TOSSES).select([toss])
+    assert identify_body(one, SCENE, throw=False).gauge == pytest.approx(1, abs=0.05)
 
 
 def test_a_glide_is_thinned_and_a_flight_is_kept():

@@ -22,6 +22,8 @@ GLIDE_KEPT = 4  # one in so many steps of a glide is kept: they are redundant
 FLIGHT_NOISE = 0.006, 0.04
 IMPACT_SIGMA = 0.2  # [1] of a change of velocity: of real impacts from rigid ones
 FLIGHT_SAMPLES = 8  # of a fall that measures gravity
+# [1] times the median acceleration and its scatter: a bounce, which ends a fall
+BOUNCE = 10.0
 GRAVITY_SIGMA = 0.016  # [1] of the gravity of one toss (scatter of 76 real ones)
 DEEPEST = 20e-3  # [m] that a ground yields
 RELEASE = 0.08  # [s]
@@ -182,8 +184,9 @@ def may_touch(steps: Steps, vertices: np.ndarray) -> np.ndarray:
 def gravity_of(steps: Steps, vertices, dt: float) -> tuple[float, float]:
     """Return the gravity [m/s^2] of free falls, and its standard deviation.
 
-    The first steps of each toss in which no vertex is near the ground are one parabola.
-    A scale error of the tracker scales the measured gravity alike. Returns NaN, NaN
+    The first steps of each toss in which no vertex is near the ground are one parabola,
+    up to a bounce, which comes before where vertices are guessed too near the centre.
+    A scale error of the tracker scales the measured gravity alike.  Returns NaN, NaN
     where no toss falls for FLIGHT_SAMPLES samples.
     """
     found = []
@@ -191,14 +194,24 @@ def gravity_of(steps: Steps, vertices, dt: float) -> tuple[float, float]:
     for toss in range(steps.toss.max() + 1):
         rows = np.flatnonzero(steps.toss == toss)
         fall = rows[: np.argmin(np.append(high[rows], False))]
-        if len(fall) >= FLIGHT_SAMPLES:
-            time = np.arange(len(fall)) * dt
-            found.append(-2 * np.polyfit(time, steps.p_wo[fall, 2], 2)[0])
+        z = before_a_bounce(steps.p_wo[fall, 2])
+        if len(z) >= FLIGHT_SAMPLES:
+            found.append(-2 * np.polyfit(np.arange(len(z)) * dt, z, 2)[0])
     if not found:
         return np.nan, np.nan
     mean = float(np.mean(found))
     spread = np.std(found, ddof=1) if len(found) >= MIN_TOSSES else GRAVITY_SIGMA * mean
     return mean, float(spread / len(found) ** 0.5)
+
+
+def before_a_bounce(z: np.ndarray) -> np.ndarray:
+    """Return the heights (n,) of a fall up to where the acceleration jumps."""
+    if len(z) < FLIGHT_SAMPLES:
+        return z
+    change = np.diff(z, 2)
+    apart = np.abs(change - np.median(change))
+    bounce = apart > BOUNCE * max(abs(np.median(change)), np.median(apart))
+    return z[: 1 + np.argmax(bounce)] if bounce.any() else z
 
 
 def impacts(steps: Steps, chosen, theta, signs, dt: float) -> Impacts:
