@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import RECORDED
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 NAMES = ["side x", "position x", "rotation z"]
@@ -76,3 +77,12 @@ def test_a_report_is_a_table_a_file_and_a_picture(report, tmp_path, capsys):
     assert "as far as the runs can tell" in said
     assert (tmp_path / "monte_carlo.png").stat().st_size > 1000
     assert (tmp_path / "monte_carlo.csv").read_text().count("\n") == 4
+
+
+@pytest.mark.slow
+def test_a_re_measurement_of_several_actions_is_solved_from_the_true_motion(report):
+    import monte_carlo
+
+    row = monte_carlo.measure(str(RECORDED), 2, 0, monte_carlo.NOISE)
+    assert row["success"]
+    assert row.keys() >= {*KINDS}
