@@ -15,7 +15,7 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from study import executor_of, run_study, study_parser
+from study import executor_of, run_study, study_parser, table
 
 from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
 from tactilenlp.exploration.action_search import best_action, facing
@@ -97,17 +97,9 @@ def main() -> None:
         )  # fmt: skip
     cpu = np.median([row["ms_per_gain_and_hypothesis"] for row in rows])
     print(f"{len(rows)} states, {cpu:.2f} CPU ms per gain and hypothesis (median)")
-    print(f"{'mean share of the best known gain':<36}" + "".join(
-        f"{b:>8}" for b in arguments.budgets
-    ))  # fmt: skip
-    for search in arguments.searches:
-        mean = [
-            np.mean([r["share"][f"{search} {b}"] for r in rows])
-            for b in arguments.budgets
-        ]
-        print(f"{search:<36}" + "".join(f"{m:>8.3f}" for m in mean))
-    known = np.mean([row["share"]["known"] for row in rows])
-    print(f"{f'the best of {arguments.known} evaluations':<36}{known:>8.3f}")
+    mean = {k: np.mean([row["share"][k] for row in rows]) for k in rows[0]["share"]}
+    print("mean share of the best known gain, by search and budget")
+    print(table([{"search": search, "share": share} for search, share in mean.items()]))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from time import process_time
 
 import numpy as np
 from reductions import recorded, searched
-from study import executor_of, mapped, study_parser, write_csv
+from study import executor_of, mapped, study_parser, table, write_csv
 
 from tactilenlp import Measurements, Problem, SolverOptions
 from tactilenlp.problem.polytope_window import window_of
@@ -97,18 +97,6 @@ def measured(file, actions, times, passes) -> list[dict]:
     return rows
 
 
-def print_table(rows) -> None:
-    """Print milliseconds of each case, and how the whole grows."""
-    sizes, times = ("samples", "variables", "terms"), (*PARTS, "build")
-    heads = "".join(f"{head:>12}" for head in (*sizes, *times, "growth"))
-    print(f"\n{rows[0]['scene']:22}{heads}")
-    for row in rows:
-        text = "".join(f"{row[key]:12.0f}" for key in sizes)
-        text += "".join(f"{row[key]:12.1f}" for key in times)
-        growth = row["build"] / rows[0]["build"]
-        print(f"{row['case']:22}{text}{growth:12.2f}", flush=True)
-
-
 def main() -> None:
     parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("files", nargs="+")
@@ -122,7 +110,8 @@ def main() -> None:
     with executor_of(chosen) as executor:
         for found in mapped(executor, measured, cases):
             rows += found
-            print_table(found)
+            grown = [r | {"growth": r["build"] / found[0]["build"]} for r in found]
+            print(table(grown), flush=True)
     write_csv(chosen.out / "build_time.csv", rows)
 
 

@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from judging import solved, spread_samples
 from scipy.stats import norm
-from study import grouped, study_parser, tabled_study, telling
+from study import grouped, study_parser, table, tabled_study, telling
 from time_against_error import PLACES, WORLDS, measured, warm
 
 from tactilenlp.evaluation.metrics import cuboid_errors
@@ -74,7 +74,7 @@ def numbers_of(rows, quantity: str) -> np.ndarray:
 
 def coverage(rows) -> list[dict]:
     """Return a row for every world, quantity, and kind of verdict."""
-    table = []
+    cells = []
     for (world,), mine in grouped(rows, "world").items():
         kept = [row for row in mine if not row["refused"]]
         good = [row for row in kept if row["verdict"] == "good"]
@@ -88,22 +88,8 @@ def coverage(rows) -> list[dict]:
                 cell |= {"beyond 5 sigma": int(np.sum(found > 5.0))}
                 cell |= {"median": float(np.median(found)) if len(found) else np.nan}
                 cell |= {"largest": float(found.max(initial=0.0))}
-                table.append(cell)
-    return table
-
-
-def show(table) -> None:
-    """Print the coverage."""
-    print(f"{'world':7}{'verdict':8}{'quantity':15}{'n':>5}{'numbers':>8}"
-          + "".join(f"{name:>8}" for name in WITHIN)
-          + f"{'> 5':>5}{'median':>8}{'largest':>9}")  # fmt: skip
-    for cell in table:
-        print(
-            f"{cell['world']:7}{cell['verdict']:8}{cell['quantity']:15}"
-            f"{cell['estimates']:5}{cell['numbers']:8}"
-            + "".join(f"{cell[name]:8.1%}" for name in WITHIN)
-            + f"{cell['beyond 5 sigma']:5}{cell['median']:8.2f}{cell['largest']:9.1f}"
-        )
+                cells.append(cell)
+    return cells
 
 
 def draw(rows, path: Path) -> None:
@@ -143,7 +129,7 @@ def main() -> None:
     cases = [(world, number) for number in boxes for world in chosen.worlds]
     path = chosen.folder / "calibration"
     rows = tabled_study(chosen, path, judged, cases, say=telling(*TOLD), table=coverage)
-    show(coverage(rows))
+    print(table(coverage(rows)))
     draw(rows, path.with_suffix(".png"))
 
 

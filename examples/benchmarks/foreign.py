@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 from foreign_bodies import Box
 from foreign_departures import DEPARTURES
-from foreign_report import picture, show, summary
+from foreign_report import picture, summary
 from foreign_world import ForeignWorld, recorded, told_of
 from judging import solved
-from study import study_parser, tabled_study, telling, write_csv
+from study import study_parser, table, tabled_study, telling, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
@@ -129,9 +129,9 @@ def main() -> None:
     chosen = parser.parse_args()
     path = chosen.folder / "foreign"
     rows = tabled_study(chosen, path, judged, cells(chosen), say=telling(*TOLD))
-    table = summary(rows)
-    write_csv(chosen.folder / "foreign_summary.csv", table)
-    show(table)
+    kinds = summary(rows)
+    write_csv(chosen.folder / "foreign_summary.csv", kinds)
+    print(table(kinds))
     picture(rows, path.with_suffix(".png"))
 
 

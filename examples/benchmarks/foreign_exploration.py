@@ -27,7 +27,7 @@ from foreign_report import ratios
 from foreign_world import REST, SCENE, STEP, ForeignWorld, Simulation
 from judging import placed, refusal
 from scipy.interpolate import PchipInterpolator
-from study import grouped, tabled_study, telling, write_csv
+from study import grouped, table, tabled_study, telling, write_csv
 from trimesh.creation import box as box_mesh
 
 from tactilenlp import Measurements, Scene, TrueBody, explore, surface_distance
@@ -167,11 +167,9 @@ def main() -> None:
     path = chosen.folder / "foreign_exploration"
     say = telling("refused", "surface_mm", "verdict")
     found = tabled_study(chosen, path, explored, cases, say=say, table=rows_of)
-    table = summary(rows_of(found))
-    write_csv(chosen.folder / "foreign_exploration_summary.csv", table)
-    for row in table:
-        print("  ".join(f"{v:.2f}" if isinstance(v, float) else str(v)
-                        for v in row.values()))  # fmt: skip
+    cells = summary(rows_of(found))
+    write_csv(chosen.folder / "foreign_exploration_summary.csv", cells)
+    print(table(cells))
     for line in compared(rows_of(found)):
         print(line)
 

@@ -20,7 +20,7 @@ from foreign_departures import DEPARTURES
 from foreign_report import BEYOND, COLOURS, WITHIN, median, summary
 from judging import solved
 from regress import true_mesh
-from study import tabled_study, telling, write_csv
+from study import table, tabled_study, telling, write_csv
 
 from tactilenlp import surface_distance
 
@@ -74,11 +74,9 @@ def main() -> None:
     chosen = parser.parse_args()
     path = chosen.folder / "foreign_hulls"
     rows = tabled_study(chosen, path, judged, cells(chosen), say=telling(*TOLD))
-    table = summary(rows, summed)
-    write_csv(chosen.folder / "foreign_hulls_summary.csv", table)
-    for row in table:
-        print(", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
-                        for k, v in row.items()))  # fmt: skip
+    kinds = summary(rows, summed)
+    write_csv(chosen.folder / "foreign_hulls_summary.csv", kinds)
+    print(table(kinds))
 
 
 if __name__ == "__main__":

@@ -58,20 +58,6 @@ def median(numbers) -> float:
     return float(np.median(numbers)) if len(numbers) else np.nan
 
 
-def show(table: list[dict]) -> None:
-    """Print the summary."""
-    print(f"{'departure':23}{'strength':15}  n refused within 3  > 5 good  "
-          "touched mm  sigmas  good/poor/bad   CPU s")  # fmt: skip
-    for row in table:
-        verdicts = "/".join(str(row[v]) for v in COLOURS)
-        print(
-            f"{row['departure']:23}{row['strength']:15}{row['n']:3}{row['refused']:8}"
-            f"{row['within_3_sigma']:9.0%}{row['beyond_5_sigma_good']:10}"
-            f"{row['touched_mm']:12.2f}{row['touched_sigmas']:8.2f}{verdicts:>15}"
-            f"{row['cpu_s']:8.1f}"
-        )
-
-
 def picture(rows, path) -> None:
     """Draw errors of touched sizes, and all errors in sigma, by departure."""
     cells = grouped(rows, *CELL)

@@ -19,7 +19,7 @@ from time import process_time
 
 import matplotlib.pyplot as plt
 import numpy as np
-from study import executor_of, grouped, run_study, study_parser, write_csv
+from study import executor_of, grouped, run_study, study_parser, table, write_csv
 
 from tactilenlp import Measurements, Scene
 from tactilenlp.data.mistakes import most_likely, record_of, suspected
@@ -202,12 +202,11 @@ def main() -> None:
         for (path, _), lines in zip(cases, results, strict=True)
         for line in lines
     ]
-    table = table_of(rows)
+    groups = table_of(rows)
     write_csv(given.folder / "mistakes_of_recordings.csv", rows)
-    write_csv(given.folder / "mistakes.csv", table)
-    drawn(table, given.folder / "mistakes.png")
-    for row in table:
-        print(", ".join(f"{key} {value}" for key, value in row.items()))
+    write_csv(given.folder / "mistakes.csv", groups)
+    drawn(groups, given.folder / "mistakes.png")
+    print(table(groups))
 
 
 if __name__ == "__main__":

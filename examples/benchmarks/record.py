@@ -20,7 +20,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from study import grouped
+from study import grouped, table
 
 from tactilenlp.common.npz import versions
 from tactilenlp.common.whole_file import write_whole
@@ -149,12 +149,9 @@ def judged(before: float, now: float, tolerance: float, old) -> str:
 
 def show(lines) -> None:
     """Print what changed, and how much did not."""
-    print(f"{'':8}{'record':>10}{'now':>10}{'tolerance':>11}  quantity, group")
-    for line in lines:
-        if line["verdict"] != "same":
-            print(f"{line['verdict']:8}{float(line['value']):10.4g}{line['now']:10.4g}"
-                  f"{float(line['tolerance']):11.2g}  {line['quantity']}, "
-                  f"{line['group']}")  # fmt: skip
+    if changed := [line for line in lines if line["verdict"] != "same"]:
+        names = ("verdict", "value", "now", "tolerance", "quantity", "group")
+        print(table(changed, *names))
     counts = {v: sum(line["verdict"] == v for line in lines)
               for v in ("same", "better", "worse", "missing")}  # fmt: skip
     print(", ".join(f"{n} {v}" for v, n in counts.items()))

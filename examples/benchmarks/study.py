@@ -91,14 +91,9 @@ def telling(*columns):
     is the largest number.  What a row does not have is left out.
     """
 
-    def words(value) -> str:
-        if isinstance(value, list):
-            value = max(value, default="none")
-        return f"{value:.3g}" if isinstance(value, float) else str(value)
-
     def say(case, result) -> str:
         row = result[-1] if isinstance(result, list) else result
-        told = [f"{c} {words(row[c])}" for c in columns if row.get(c, "") != ""]
+        told = [f"{c} {words_of(row[c])}" for c in columns if row.get(c, "") != ""]
         return f"{' '.join(map(str, case))}: {', '.join(told)}"
 
     return say
@@ -110,6 +105,25 @@ def grouped(rows, *columns) -> dict[tuple, list[dict]]:
     for row in rows:
         groups.setdefault(tuple(row[column] for column in columns), []).append(row)
     return groups
+
+
+def table(rows, *names: str) -> str:
+    """Return rows as lines of text: these columns, by default all of the first row.
+
+    Numbers have three digits; what a row does not have is blank.
+    """
+    names = names or tuple(rows[0])
+    cells = [names, *([words_of(row.get(name, "")) for name in names] for row in rows)]
+    width = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ([cell.rjust(w) for cell, w in zip(c, width, strict=True)] for c in cells)
+    return "\n".join(map("  ".join, lines))
+
+
+def words_of(value) -> str:
+    """Return a value in a few characters: three digits, of a list the largest."""
+    if isinstance(value, list):
+        value = max(value, default="none")
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def results_of(path, name: str) -> list:

@@ -30,7 +30,7 @@ from foreign_bodies import Box
 from foreign_world import DEFAULT, ForeignWorld, recorded, told_of
 from judging import placed, solved, spread_samples
 from monte_carlo import NOISE
-from study import grouped, study_parser, tabled_study, telling, write_csv
+from study import grouped, study_parser, table, tabled_study, telling, write_csv
 from trimesh.creation import box
 
 from tactilenlp import Noise, Options, solve_estimate, surface_distance
@@ -49,6 +49,7 @@ WORLDS = {
 PLACES = 12  # samples of a recording at which the surfaces are compared
 OPTIONS = Options(time_limit=120.0)  # [s] of an estimate
 QUANTILES = (0.1, 0.5, 0.9)
+MEASURED = ("cpu_s", "surface_mm", "path_mm")
 TOLD = ("refused", "surface_mm", "path_mm", "success", "cpu_s")
 COLOURS = dict(zip(FORMULATIONS, plt.cm.tab10.colors, strict=False))
 
@@ -104,36 +105,22 @@ def surfaces_apart(estimate, true, sample: int) -> float:
 
 def summary(rows) -> list[dict]:
     """Return a row a cell: quantiles of what was estimated, and how many were not."""
-    table, names = [], ("world", "formulation", "actions")
+    cells, names = [], ("world", "formulation", "actions")
     for key, mine in grouped(rows, *names).items():
         solved = [r for r in mine if r["success"]]
         cell = dict(zip(names, key, strict=True))
         cell |= {"n": len(mine), "refused": sum(bool(r["refused"]) for r in mine)}
         cell |= {"failed": len(mine) - len(solved) - cell["refused"]}
-        for name in ("cpu_s", "surface_mm", "path_mm"):
+        for name, q in product(MEASURED, QUANTILES):
             values = [r[name] for r in solved] or [np.nan]
-            for q in QUANTILES:
-                cell[f"{name}_{round(100 * q)}"] = float(np.quantile(values, q))
-        table.append(cell)
-    return table
+            cell[f"{name}_{round(100 * q)}"] = float(np.quantile(values, q))
+        cells.append(cell)
+    return cells
 
 
-def show(table) -> None:
-    """Print the medians, with the 10th and 90th percentiles."""
-    print(f"{'world':8}{'formulation':20}{'actions':>8}{'n':>4}{'bad':>4}"
-          f"{'CPU s':>24}{'surface mm':>24}{'path mm':>24}")  # fmt: skip
-    for cell in sorted(table, key=lambda c: (c["world"], c["actions"])):
-        words = f"{cell['world']:8}{cell['formulation']:20}{cell['actions']:8}"
-        words += f"{cell['n']:4}{cell['failed'] + cell['refused']:4}"
-        for name in ("cpu_s", "surface_mm", "path_mm"):
-            low, middle, high = (cell[f"{name}_{round(100 * q)}"] for q in QUANTILES)
-            words += f"{middle:10.2f} ({low:5.2f}, {high:5.2f})"
-        print(words)
-
-
-def draw(table, path: Path) -> None:
+def draw(cells, path: Path) -> None:
     """Plot median run time against median error, from few to many actions."""
-    worlds = [w for w in WORLDS if any(c["world"] == w for c in table)]
+    worlds = [w for w in WORLDS if any(c["world"] == w for c in cells)]
     names = {"surface_mm": "final surface [mm]", "path_mm": "along the path [mm]"}
     figure, axes = plt.subplots(
         2, len(worlds), figsize=(3.6 * len(worlds) + 1.6, 6.4), sharex=True,
@@ -144,17 +131,17 @@ def draw(table, path: Path) -> None:
     ):
         ax = axes[row, column]
         for formulation in FORMULATIONS:
-            cells = [c for c in table if c["world"] == world]
-            cells = [c for c in cells if c["formulation"] == formulation]
-            cells.sort(key=lambda c: c["actions"])
-            seconds = [c["cpu_s_50"] for c in cells]
+            mine = [c for c in cells if c["world"] == world]
+            mine = [c for c in mine if c["formulation"] == formulation]
+            mine.sort(key=lambda c: c["actions"])
+            seconds = [c["cpu_s_50"] for c in mine]
             middle, low, high = (
-                np.array([c[f"{name}_{q}"] for c in cells]) for q in (50, 10, 90)
+                np.array([c[f"{name}_{q}"] for c in mine]) for q in (50, 10, 90)
             )
             colour = COLOURS[formulation]
             ax.plot(seconds, middle, "o-", color=colour, ms=4, label=formulation)
             ax.vlines(seconds, low, high, color=colour, alpha=0.25, lw=3)
-            for c, x, y in zip(cells, seconds, middle, strict=True):
+            for c, x, y in zip(mine, seconds, middle, strict=True):
                 ax.annotate(c["actions"], (x, y), (3, 3), textcoords="offset points",
                             fontsize=7, color=colour)  # fmt: skip
         ax.set(xscale="log", yscale="log")
@@ -187,10 +174,10 @@ def main() -> None:
     ]
     path = chosen.folder / "time_against_error"
     rows = tabled_study(chosen, path, estimated, cases, say=telling(*TOLD))
-    table = summary(rows)
-    write_csv(chosen.folder / "summary.csv", table)
-    show(table)
-    draw(table, path.with_suffix(".png"))
+    cells = summary(rows)
+    write_csv(chosen.folder / "summary.csv", cells)
+    print(table(sorted(cells, key=lambda c: (c["world"], c["actions"]))))
+    draw(cells, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":
