@@ -33,7 +33,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path, stated
-from study import grouped, study_parser, tabled_study, telling
+from study import grouped, study_parser, table, tabled_study, telling
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -164,32 +164,29 @@ def front(points) -> list[bool]:
     ]
 
 
-def table(rows, names) -> list[dict]:
-    """Print medians and quartiles by start, actions, noise; return the medians."""
-    print(f"{'':28}{'page':20}{'solved':>8}{'best':>8}{'mm':>8} (quartiles)  "
-          f"{'CPU s':>7}{'iter':>6}{'eval':>6}{'gain mJ':>9}")  # fmt: skip
-    cells = sorted({(r["start"], r["actions"], "noisy" in r["scene"]) for r in rows})
+def summary(rows, names) -> list[dict]:
+    """Return medians and quartiles by start, actions, noise and page."""
     out = []
-    for start, na, noisy in cells:
+    for start, na, noisy in sorted({cell_of(r) for r in rows}):
         lines = []
         for name in names:
-            some = [r for r in rows if r["page"] == name and r["start"] == start]
-            some = [r for r in some if r["actions"] == na]
-            some = [r for r in some if ("noisy" in r["scene"]) == noisy]
+            some = [r for r in rows if r["page"] == name]
+            some = [r for r in some if cell_of(r) == (start, na, noisy)]
             mm = np.quantile([r["mm"] for r in some], (0.5, 0.25, 0.75))
-            wanted = ("cpu_s", "iterations", "evaluations", "gained_mJ")
-            medians = [np.median([r[k] for r in some]) for k in wanted]
-            share = [sum(r[k] for r in some) for k in ("converged", "best")]
-            lines.append((name, len(some), share, mm, medians))
-        edge = front([(line[4][0], line[3][0]) for line in lines])
-        for (name, n, share, mm, medians), on in zip(lines, edge, strict=True):
-            cell = f"{start}, {na} actions{', noisy' * noisy}"
-            print(f"{cell:28}{name:20}{share[0]:>5}/{n:<2}{share[1]:>5}/{n:<2}{mm[0]:8.2f}"
-                  f" ({mm[1]:5.2f} {mm[2]:6.2f}){medians[0]:7.2f}{medians[1]:6.0f}"
-                  f"{medians[2]:6.0f}{medians[3]:9.2f}{'  front' * on}")  # fmt: skip
-            out.append({"cell": cell, "page": name, "cpu_s": medians[0], "mm": mm[0],
-                        "best": share[1] / n, "front": on})  # fmt: skip
+            line = {"cell": f"{start}, {na} actions{', noisy' * noisy}", "page": name}
+            line |= {"n": len(some), "solved": sum(r["converged"] for r in some)}
+            line |= {"best": sum(r["best"] for r in some) / len(some)}
+            line |= dict(zip(("mm", "25 %", "75 %"), mm, strict=True))
+            for key in ("cpu_s", "iterations", "evaluations", "gained_mJ"):
+                line[key] = float(np.median([r[key] for r in some]))
+            lines.append(line)
+        edge = front([(line["cpu_s"], line["mm"]) for line in lines])
+        out += [line | {"front": on} for line, on in zip(lines, edge, strict=True)]
     return out
+
+
+def cell_of(row) -> tuple:
+    return row["start"], row["actions"], "noisy" in row["scene"]
 
 
 def draw(points, names, path) -> None:
@@ -230,7 +227,9 @@ def main() -> None:
     asked = args.files, args.actions, args.starts, range(args.seeds), names
     path, say = args.out / stem, telling("mm", "cpu_s", "status")
     rows = tabled_study(args, path, run, product(*asked), say=say, table=judged)
-    draw(table(rows, names), names, path.with_suffix(".png"))
+    points = summary(rows, names)
+    print(table(points))
+    draw(points, names, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

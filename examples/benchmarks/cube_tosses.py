@@ -12,7 +12,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from study import grouped, study_parser, tabled_study, telling
+from study import grouped, study_parser, table, tabled_study, telling
 
 from tactilenlp import Scene, Trajectories, identify_body
 
@@ -51,21 +51,16 @@ def run(recording, deal, size, group, shape) -> dict:
     }  # fmt: skip
 
 
-def tell(rows) -> None:
-    """Print median and worst of every size, by shape."""
-    print("shape    tosses groups  vertices off [mm]  sigma [mm]  friction ± sigma  "
-          "CPU s (worst)")  # fmt: skip
+def summary(rows) -> list[dict]:
+    """Return medians and worst of every size, by shape."""
+    out = []
     for (shape, size), mine in grouped(rows, "shape", "tosses").items():
-
-        def column(name, rows=mine):
-            return np.array([r[name] for r in rows])
-
-        off = column("vertex_mean_mm")
-        names = "sigma_mm", "friction", "friction_sigma"
-        sigma, mu, spread = (np.median(column(name)) for name in names)
-        print(f"{shape:<8} {size:>6} {len(mine):>6}  {np.median(off):7.2f}, worst "
-              f"{off.max():5.2f} {sigma:7.2f}      {mu:.2f} ± {spread:.2f}     "
-              f"{column('cpu_s').max():6.1f}")  # fmt: skip
+        names = "vertex_mean_mm", "sigma_mm", "friction", "friction_sigma"
+        medians = {n: float(np.median([r[n] for r in mine])) for n in names}
+        worst = {f"worst {n}": max(r[n] for r in mine) for n in (names[0], "cpu_s")}
+        about = {"shape": shape, "tosses": size, "groups": len(mine)}
+        out.append(about | medians | worst)
+    return out
 
 
 def draw(rows, friction, file) -> None:
@@ -124,7 +119,7 @@ def main() -> None:
     path = given.folder / "cube_tosses"
     say = telling("vertex_mean_mm", "sigma_mm", "friction", "unobserved", "cpu_s")
     rows = tabled_study(given, path, run, cases, say=say)
-    tell(rows)
+    print(table(summary(rows)))
     draw(rows, known["friction_reported"], path.with_suffix(".png"))
 
 

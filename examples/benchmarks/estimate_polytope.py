@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from exploration_objects import SEED, planes_off, world_of
 from matplotlib.ticker import MaxNLocator
-from study import study_parser, tabled_study, telling
+from study import study_parser, table, tabled_study, telling
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
@@ -40,6 +40,7 @@ SCRATCH, INCREMENTAL = "scratch", "incremental"
 TARGETS = {  # of nine actions of clean scenes, with impulses
     "t2e_mm": 1.0, "e2t_mm": 1.2, "touched_mm": 0.25, "third_mm": 0.1, "cpu_s": 6.0,
 }  # fmt: skip
+GROUP = ("case", "vertices", "stage", "actions", "start")
 USUAL = 20  # vertices
 TOLD = "contact", "normal", "finger_position"  # of what was true
 TOUCHED, CLOSE, SIGMAS = 3, 1e-3, 5.0  # touches, [m], [-]
@@ -150,26 +151,23 @@ def cells_of(chosen) -> list[tuple]:
 def group_of(row) -> tuple:
     """Return what rows of one line of the summary have in common."""
     case = "hard" if row["scene"].startswith("hard_") else "given"
-    return (case, *(row[k] for k in ("vertices", "stage", "actions", "start")))
+    return (case, *(row[k] for k in GROUP[1:]))
 
 
 def summary(rows):
     """Print mean, median, p90 and worst of each group; the targets."""
-    figures = ("t2e_mm", "e2t_mm", "touched_mm", "third_mm", "cpu_s")
-    header = "case vertices stage actions start"
-    print(f"{header:46} solved", *(f"{f:>26}" for f in figures), " ratio  wrong")
+    groups = []
     for group in sorted({group_of(r) for r in rows}):
         mine = [r for r in rows if group_of(r) == group]
-        solved = sum(r["solved"] for r in mine)
-        cells = [[r[f] for r in mine] for f in figures]
-        spread = [(np.mean(c), *np.quantile(c, (0.5, 0.9, 1.0))) for c in cells]
-        text = [" /".join(f"{value:5.2f}" for value in s) for s in spread]
-        ratio = np.nanmedian([r["ratio"] for r in mine])
-        wrong, planes = (sum(r[k] for r in mine) for k in ("wrong", "planes"))
-        print(
-            f"{' '.join(map(str, group)):46} {solved:2}/{len(mine):2}",
-            *(f"{t:>26}" for t in text), f"{ratio:6.2f} {wrong:2}/{planes}",
-        )  # fmt: skip
+        line = dict(zip(GROUP, group, strict=True)) | {"n": len(mine)}
+        for name in TARGETS:
+            values = [r[name] for r in mine]
+            spread = np.mean(values), *np.quantile(values, (0.5, 0.9, 1.0))
+            line[name] = " / ".join(f"{value:.2f}" for value in spread)
+        line["ratio"] = float(np.nanmedian([r["ratio"] for r in mine]))
+        counts = ("solved", "wrong", "planes")
+        groups.append(line | {k: sum(r[k] for r in mine) for k in counts})
+    print(table(groups))
     print(
         "mean / median / p90 / worst; targets of means, 9 actions, impulses:", TARGETS
     )

@@ -15,7 +15,7 @@ import matplotlib
 import numpy as np
 from scipy import stats
 from scipy.spatial import ConvexHull
-from study import grouped, results_of
+from study import grouped, results_of, table
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -66,40 +66,35 @@ def mean_and_band(values: np.ndarray) -> tuple[float, float]:
 
 def summary_lines(rows, name: str) -> list[str]:
     """Return, for every policy and action, what was reached."""
-    heads = ("mean", "band", "without outliers", "median", "p90", "worst", "n")
-    widths = (10, 10, 28, 10, 10, 10, 5)
-    cells = "".join(f"{h:>{w}}" for h, w in zip(heads, widths, strict=True))
-    lines = [f"{UNITS[name]}", " " * 24 + cells]
+    lines = []
     for policy, start in ways(rows):
-        table = table_of(rows, name, policy, start)
-        for action, values in enumerate(table.T):
+        columns = table_of(rows, name, policy, start).T
+        for action, values in enumerate(columns):
             far = outliers(values)
-            mean, half = mean_and_band(values)
-            clean, clean_half = mean_and_band(values[~far])
-            rest = f"{clean:.3f} ± {clean_half:.3f} ({far.sum()} out)"
+            (mean, half), clean = mean_and_band(values), mean_and_band(values[~far])
             q = np.quantile(values, [0.5, 0.9, 1.0], method="higher")
-            words = [f"{mean:.3f}", f"± {half:.3f}", rest, *(f"{v:.3f}" for v in q)]
-            label = f"{policy}, {start}, 1 + {action}"
-            pairs = zip([*words, str(len(values))], widths, strict=True)
-            cells = "".join(f"{word:>{width}}" for word, width in pairs)
-            lines.append(f"{label:<24}{cells}")
-    return lines
+            rest = "{:.3f} ± {:.3f}".format(*clean)
+            lines.append({
+                "policy": policy, "start": start, "after": f"1 + {action}",
+                "mean": mean, "± 95 %": half, "without outliers": rest,
+                "outliers": int(far.sum()), "n": len(values),
+                **dict(zip(("median", "p90", "worst"), q, strict=True)),
+            })  # fmt: skip
+    return [UNITS[name], table(lines)]
 
 
 def rest_lines(rows) -> list[str]:
     """Return the medians of all other metrics after every action."""
-    last = max(r["action"] for r in rows)
-    heads = "".join(f"{f'1 + {k}':>10}" for k in range(last + 1))
-    lines = [f"{'medians':<48}{heads}"]
+    lines = []
     for name, label in REST.items():
         for policy, start in ways(rows):
             if not any(name in r for r in rows):  # of cuboids only
                 continue
-            table = table_of(rows, name, policy, start)
-            middle = np.quantile(table, 0.5, axis=0, method="higher")
-            cells = "".join(f"{value:>10.3f}" for value in middle)
-            lines.append(f"{f'{label}, {policy}, {start}':<48}{cells}")
-    return lines
+            columns = table_of(rows, name, policy, start).T
+            middle = [float(np.quantile(v, 0.5, method="higher")) for v in columns]
+            line = {"medians": f"{label}, {policy}, {start}"}
+            lines.append(line | {f"1 + {k}": v for k, v in enumerate(middle)})
+    return table(lines).splitlines()
 
 
 def comparison_lines(rows, name: str) -> list[str]:

@@ -23,7 +23,7 @@ from exploration_objects import world_of
 from judging import solved
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from study import study_parser, tabled_study, telling
+from study import grouped, study_parser, table, tabled_study, telling
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 from trimesh.transformations import translation_matrix
@@ -170,26 +170,17 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     }  # fmt: skip
 
 
-def summary(rows) -> None:
-    """Print medians of each body, its confident errors and refusals."""
-    print(f"{'body':22}{'class':10}  best  error  at touches: best  error"
-          "   ratio  wrong    nats  refused")  # fmt: skip
-    keys = "best_mm", "error_mm", "best_touched_mm", "touched_mm", "ratio", "nats"
-    for name, shape in BODIES:
-        mine = [r for r in rows if (r["body"], r["class"]) == (name, shape)]
+def summary(rows) -> list[dict]:
+    """Return medians of each body, its confident errors and refusals."""
+    out, keys = [], ("best_mm", "error_mm", "best_touched_mm", "touched_mm", "ratio")
+    for (name, shape), mine in grouped(rows, "body", "class").items():
         good = [r for r in mine if not r["said"]]
-        if not good:
-            print(f"{name:22}{shape:10}none of {len(mine)}")
-            continue
-        best, error, near, off, ratio, nats = (
-            np.median([r[k] for r in good]) for k in keys
-        )
-        wrong, faces = (sum(r[k] for r in good) for k in ("wrong", "faces"))
-        print(
-            f"{name:22}{shape:10}{best:6.2f}{error:7.2f}{near:18.2f}{off:7.2f}"
-            f"{ratio:8.2f}{wrong:4}/{faces:<3}{nats:7.2f}"
-            f"{len(mine) - len(good):5}/{len(mine)}"
-        )
+        line = {"body": name, "class": shape, "n": len(mine)}
+        line |= {"refused": len(mine) - len(good)}
+        for key in (*keys, "nats"):
+            line[key] = float(np.median([r[key] for r in good] or [np.nan]))
+        out.append(line | {k: sum(r[k] for r in good) for k in ("wrong", "faces")})
+    return out
 
 
 def picture(rows, path) -> None:
@@ -226,7 +217,7 @@ def main() -> None:
     ]
     path = chosen.folder / "mismatch"
     rows = tabled_study(chosen, path, measured, cells, say=telling(*TOLD))
-    summary(rows)
+    print(table(summary(rows)))
     picture(rows, path.with_suffix(".png"))
 
 

@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from study import table
 
 FULL = 6  # actions of the recordings that the targets are about
 REACHED = 0.5  # [nats] an objective this close to the truth-started one is the same
@@ -72,26 +73,26 @@ def figure(rows, what, *q) -> float:
     return (quantile(column(rows, what), *q) if q else what(rows)) if rows else np.nan
 
 
-TABLE = {  # heading: width and digits; column and quantile, or function of runs
-    "runs": ("5.0", len),
-    "failed": ("7.0", lambda r: len(r) - len(select(r, success=True))),
-    "mean med": ("9.2", "mean_mm", 0.5),
-    "p90": ("7.2", "mean_mm", 0.9),
-    "worst": ("7.2", "mean_mm", 1),
-    "max": ("7.2", "max_mm", 1),
-    "bCH": ("6.2", "bch_code_mm", 0.5),
-    "floor": ("6.2", "bch_code_floor_mm", 0.5),
-    "<3s %": ("7.1", lambda r: 100 * np.mean(surprise(r) < 3)),
-    "|e|/s": ("6.2", lambda r: quantile(surprise(r))),
-    "s touched": ("10.2", lambda r: quantile(touched(r, "sigma"))),
-    "reach %": ("8.1", lambda r: 100 - missed(r)),
-    "presolve": ("9.0", "presolve_iterations", 0.5),
-    "most": ("5.0", "presolve_iterations", 1),
-    "joint": ("6.0", "joint_iterations", 0.5),
-    "most ": ("5.0", "joint_iterations", 1),
-    "ms/it": ("6.1", "ms_per_iteration", 0.5),
-    "CPU s": ("7.2", "cpu_s", 0.5),
-    "solves": ("7.0", "cpu_in_references", 0.5),
+TABLE = {  # heading: column and quantile, or function of runs
+    "runs": (len,),
+    "failed": (lambda r: len(r) - len(select(r, success=True)),),
+    "mean med": ("mean_mm", 0.5),
+    "p90": ("mean_mm", 0.9),
+    "worst": ("mean_mm", 1),
+    "max": ("max_mm", 1),
+    "bCH": ("bch_code_mm", 0.5),
+    "floor": ("bch_code_floor_mm", 0.5),
+    "<3s %": (lambda r: 100 * np.mean(surprise(r) < 3),),
+    "|e|/s": (lambda r: quantile(surprise(r)),),
+    "s touched": (lambda r: quantile(touched(r, "sigma")),),
+    "reach %": (lambda r: 100 - missed(r),),
+    "presolve": ("presolve_iterations", 0.5),
+    "most": ("presolve_iterations", 1),
+    "joint": ("joint_iterations", 0.5),
+    "most joint": ("joint_iterations", 1),
+    "ms/it": ("ms_per_iteration", 0.5),
+    "CPU s": ("cpu_s", 0.5),
+    "solves": ("cpu_in_references", 0.5),
 }
 TARGETS = (  # runs, what it is, the most (or range) that it may be; how, as above
     ("clean", "failed [%]", 0, failed),
@@ -131,12 +132,10 @@ TARGETS = (  # runs, what it is, the most (or range) that it may be; how, as abo
 
 def print_table(rows) -> None:
     """Print one line for each way of estimating and number of actions [mm]."""
-    heads = (f"{head.strip():>{int(float(how[0]))}}" for head, how in TABLE.items())
-    print(f"{'formulation, path, start':39} na/of" + "".join(heads))
-    for (*way, noisy, of, na), r in grouped(rows, *WAY).items():
-        name = ", ".join([*way, ("clean", "noisy")[noisy]])
-        figures = (f"{figure(r, *how):{form}f}" for form, *how in TABLE.values())
-        print(f"{name:39} {na:2}/{of:<2}" + "".join(figures))
+    print(table([
+        dict(zip(WAY, way, strict=True)) | {k: figure(r, *q) for k, q in TABLE.items()}
+        for way, r in grouped(rows, *WAY).items()
+    ]))  # fmt: skip
 
 
 def print_targets(planar) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
-from study import grouped, results_of, write_csv
+from study import grouped, results_of, table, write_csv
 
 FILE = "monte_carlo.jsonl"  # of the study, in its folder
 KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
@@ -94,14 +94,7 @@ def report(folder: Path) -> None:
         print("no runs yet")
         return
     write_csv(folder / "monte_carlo.csv", lines)
-    print(f"{'':34} {'runs':>4} {'bias':>7} {'scatter':>7}  predicted / scatter")
-    print(f"{'[mm, deg]':55}" + "".join(f"{kind:>13}" for kind in KINDS))
-    for line in lines:
-        mark = "observed" if line["observed"] else ""
-        name = f"{line['scene']:18} {line['parameter']:11}"
-        ratios = "".join(f"{line[kind]:13.2f}" for kind in KINDS)
-        seen = f"{line['runs']:7} {line['bias']:7.2f} {line['scatter']:7.2f}"
-        print(f"{name} {seen}{ratios}  {mark}")
+    print(f"[mm, deg]; predicted / scatter by kind\n{table(lines)}")
     seen = [line for line in lines if line["observed"]]
     for kind in KINDS:
         good = np.mean([abs(line[kind] - 1) <= WITHIN for line in seen])

@@ -4,6 +4,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import study
 from exploration_report import mean_and_band
 from matplotlib import pyplot as plt
 from scipy import stats
@@ -13,6 +14,7 @@ OFFSETS = ("joints", "constant", "ignored")  # how the fingers' errors are estim
 KEYS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
 COLOURS = {"eig": "#0072B2", "random": "#D55E00"}
 LINES = {"joints": "-", "constant": "--", "ignored": ":"}
+TESTS = {"p of bCH": stats.ttest_ind, "paired": stats.ttest_rel}
 
 
 def column(rows, key: str, policy: str, offset: str, step: int) -> np.ndarray:
@@ -55,24 +57,24 @@ def table(rows: list[dict], policies: list[str], steps: range) -> str:
 
     centred: of an estimate moved to the true centre, which the fingers cannot know.
     """
-    head = f"{'policy':8}{'offset':9}{'step':>5}{'p2s median':>12}{'worst':>7}"
-    head += f"{'centred':>9}{'bCH mean':>10}{'NEES mean':>11}{'median':>8}"
-    lines = [head + f"{'p of bCH':>10}{'paired':>8}"]
+    lines = []
     for policy, offset, step in product(policies, offsets_of(rows), steps):
         p2s, centred, bch, nees = (
             column(rows, key, policy, offset, step)
             for key in ("p2s_mm", "centred_mm", "bch_mm", "nees")
         )
-        words = f"{policy:8}{offset:9}{step:5}{np.median(p2s):12.2f}{p2s.max():7.2f}"
-        words += f"{np.median(centred):9.2f}"
-        words += f"{bch.mean():10.2f}{nees.mean():11.2f}{np.median(nees):8.2f}"
-        if policy == policies[0] and len(policies) > 1 and len(bch) > 1:
+        line = {"policy": policy, "offset": offset, "step": step}
+        line |= {"p2s median": np.median(p2s), "worst": p2s.max()}
+        line |= {"centred": np.median(centred), "bCH mean": bch.mean()}
+        line |= {"NEES mean": nees.mean(), "NEES median": np.median(nees)}
+        if len(policies) > 1 and len(bch) > 1:
             other = column(rows, "bch_mm", policies[1], offset, step)
-            alone = stats.ttest_ind(bch, other).pvalue
-            paired = stats.ttest_rel(bch, other).pvalue
-            times = len(steps) - 1
-            words += f"{min(1.0, alone * times):10.3f}{min(1.0, paired * times):8.3f}"
-        lines.append(words)
-    lines.append("p: two-tailed t-test of independent samples (the paper's), times the")
-    lines.append("actions; paired: of differences, the same body and errors in both")
-    return "\n".join(lines)
+            for name, test in TESTS.items() if policy == policies[0] else ():
+                p = test(bch, other).pvalue * (len(steps) - 1)
+                line[name] = min(1.0, float(p))
+        lines.append(line)
+    return (
+        f"{study.table(lines)}\n"
+        "p: two-tailed t-test of independent samples (the paper's), times the\n"
+        "actions; paired: of differences, the same body and errors in both"
+    )
