@@ -57,4 +57,4 @@ distance = surface_distance(true, estimate.mesh())
 mean, largest = 1e3 * distance.a_to_b, 1e3 * distance.maximum
 if mean > LIMIT:
     sys.exit(f"The true surface is {mean:.2f} mm off on average: more than {LIMIT} mm.")
-print(f"The true surface is {mean:.2f} mm off on average and {largest:.2f} at most.")
+print(f"The true surface is {mean:.2f} mm off on average and {largest:.2f} mm at most.")

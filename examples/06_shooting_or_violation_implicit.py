@@ -32,7 +32,7 @@ for name in ("shooting", "violation_implicit"):
     print(f"{name} ...", flush=True)
     estimate = solve_estimate(data, scene, formulation=name, options=LEAN)
     unseen = "; ".join(estimate.information.unobserved) or "nothing"
-    print(f"  {1e3 * estimate.side_lengths} mm; not observed: {unseen}")
+    print(f"  {np.round(1e3 * estimate.side_lengths, 2)} mm; not observed: {unseen}")
     # Build the same problem again; change side y, and keep the other unknowns.
     problem, known, losses = problem_of(data, scene, name), estimate.unknowns, []
     for offset in offsets:

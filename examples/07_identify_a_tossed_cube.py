@@ -32,7 +32,7 @@ print(f"{recording.name}: {data}", flush=True)
 # Corners, friction, inertia and impulses that explain the motion best.
 body = identify_body(data, scene)
 print(body.summary())
-print(f"Inertia {1e3 * body.inertia} g m^2 ({reported:.2f} was reported).")
+print(f"Inertia {np.round(1e3 * body.inertia, 2)} g m^2 ({reported:.2f} was reported).")
 print(f"In the tracker's units gravity is {scene.gravity / body.gauge:.2f} m/s^2.")
 
 # The same data, with free corners instead of a cuboid.
@@ -48,8 +48,8 @@ time = data.dt * np.arange(one.sum())
 above, below = (figure := Figure((7, 5), layout="constrained")).subplots(2, sharex=True)
 above.plot(time, 1e3 * height)
 above.set(ylabel="height of each corner [mm]", title="the first toss")
-below.plot(time, 1e3 * np.linalg.norm(body.impulses[one], axis=2), ".-")
-below.set(xlabel="time [s]", ylabel="impulse on each corner [mN s]")
+below.plot(time, 1e3 * np.linalg.norm(body.impulses[one], axis=2), ".")
+below.set(xlabel="time [s]", ylabel="impulse [mN s]", yscale="log", ylim=(1, None))
 figure.savefig(picture)
 print(f"The picture is in {picture}.")
 

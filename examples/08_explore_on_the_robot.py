@@ -47,8 +47,8 @@ with robot, Bench(rig, **options) as bench, RobotWorld(bench) as world:
         true, found = box(SIDES, place), step.estimate.mesh()
         off = 1e3 * surface_distance(found, true).mean
         wrong = 1e3 * np.linalg.norm(step.estimate.finger_offset, axis=1)
-        print(f"Action {step.number} ({step.policy}): {off:.2f} mm off; the tips,")
-        print(f"  as estimated, {wrong[0]:.1f} and {wrong[1]:.1f} mm", flush=True)
+        print(f"Action {step.number} ({step.policy}): {off:.2f} mm off; tips found")
+        print(f"  {wrong[0]:.1f} and {wrong[1]:.1f} mm from their reports", flush=True)
 
 truth = {"position": robot.pose[None, :3], "quaternion": robot.pose[None, 3:]}
 plot_top(step.estimate, -1, truth | {"side_lengths": np.array(SIDES)})

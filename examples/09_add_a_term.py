@@ -35,7 +35,7 @@ for i, (name, page) in enumerate(pages.items()):
     print(f"{name} ...", flush=True)
     found = solve_estimate(data.select([0, 1]), scene, formulation=page)
     sides, sigma = found.side_lengths, found.information.sigma("side_lengths")
-    print(f"  {1e3 * sides} mm, {found.objective:.2f} nats, {found.status}")
+    print(f" {np.round(1e3 * sides, 2)} mm, {found.objective:.2f} nats, {found.status}")
     if page == PAGE:  # compare touched sides with the truth, which no page reads
         off = 1e3 * np.abs(sides - np.load(file)["side_lengths"])[1:].max()
     places = np.arange(3) + 0.15 * (i - 1)
