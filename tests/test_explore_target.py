@@ -6,13 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from test_explore import CENTRE, LEAST, fresh
 
 from tactilenlp import (
     Ground,
-    Options,
     Scene,
     Workspace,
-    World,
     choose_action,
     explore,
 )
@@ -25,16 +24,7 @@ from tactilenlp.exploration.first_touch import check_reach
 from tactilenlp.exploration.log import check_same
 from tactilenlp.exploration.policies import farthest_action, last_contact, why_lost
 
-CENTRE = (0.01, -0.01)  # [m] of the box below
-SIDES = (0.05, 0.035, 0.04)
-QUICK = {"options": Options(hypotheses=2, starts=3), "budget": 40}
-LEAST = QUICK | {"formulation": "quasi_static"}  # what is solved does not matter here
 SAME = LEAST | {"actions": 2, "centre": CENTRE, "seed": 1}
-
-
-def fresh(**changes):
-    given = {"position": CENTRE, "quaternion": [np.cos(0.2), 0, 0, np.sin(0.2)]}
-    return World(SIDES, **given | changes)
 
 
 def test_what_was_touched_last_is_sought_again():

@@ -160,7 +160,6 @@ ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
     "regress": "times pairs, one process at a time",
     "report_cuboid": "reads runs",
     "search": "pairs of trees in turn",
-    "count_code": "counts lines",
     "time_limits": "times one process at a time",
     "shape_classes": "a minute a class",
     "report_monte_carlo": "reads a study",
