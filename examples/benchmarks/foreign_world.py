@@ -237,27 +237,13 @@ def model_of(box: Box, world: ForeignWorld) -> str:
             f'<asset><mesh name="box" inertia="exact" vertex="{text(points)}"/></asset>'
         )
     soft = 'solref="{}" solimp="{}"'.format
-    tip = f'{soft(*world.tip)} priority="1"' if world.tip else ""
     mu = box.ground * (1 + world.by_direction * np.array([1, -1]))
-    axes = "".join(f'<joint type="slide" name="{{0}}{e}" axis="{text(row)}"/>'
-                   for e, row in enumerate(np.eye(3)))  # fmt: skip
-    tips = "".join(
-        f"""<body gravcomp="1">{axes.format(f"f{f}")}<geom type="sphere" {tip}
-            size="{world.radius}" mass="{TIP_MASS}"
-            friction="{box.finger} 0 0"/></body>"""
-        for f in range(FINGERS)
-    )
     contact = 4 if world.torsion else 3
     away, wall = world.wall + np.linalg.norm(box.sides[:2]) / 2, ""
     if world.wall:
         wall = f"""<geom type="plane" size="1 1 1" pos="{away} 0 0" euler="0 -90 0"
             friction="0.3 0 0"/>"""
-    kv = 2 * (world.stiffness * (TIP_MASS + box.mass)) ** 0.5
-    servos = "".join(
-        f"""<position joint="f{f}{e}" kp="{world.stiffness}" kv="{kv}"
-            forcelimited="true" forcerange="{-MAX_FORCE} {MAX_FORCE}"/>"""
-        for f in range(FINGERS) for e in range(3)
-    )  # fmt: skip
+    tips, servos = fingers_of(box, world, soft)
     return f"""<mujoco><option timestep="{STEP}" cone="elliptic" impratio="10"
         integrator="implicitfast"/>
         <default><geom condim="3" {soft(*world.contact)}/></default>{mesh}
@@ -269,6 +255,26 @@ def model_of(box: Box, world: ForeignWorld) -> str:
         <contact><pair geom1="ground" geom2="box" condim="{contact}"
             {soft(*world.contact)} friction="{text(mu)} {world.torsion} 0 0"/></contact>
         <actuator>{servos}</actuator></mujoco>"""
+
+
+def fingers_of(box: Box, world: ForeignWorld, soft) -> tuple[str, str]:
+    """Return the XML of the fingertips and of their servos; soft: of a contact."""
+    tip = f'{soft(*world.tip)} priority="1"' if world.tip else ""
+    axes = "".join(f'<joint type="slide" name="{{0}}{e}" axis="{text(row)}"/>'
+                   for e, row in enumerate(np.eye(3)))  # fmt: skip
+    tips = "".join(
+        f"""<body gravcomp="1">{axes.format(f"f{f}")}<geom type="sphere" {tip}
+            size="{world.radius}" mass="{TIP_MASS}"
+            friction="{box.finger} 0 0"/></body>"""
+        for f in range(FINGERS)
+    )
+    kv = 2 * (world.stiffness * (TIP_MASS + box.mass)) ** 0.5
+    servos = "".join(
+        f"""<position joint="f{f}{e}" kp="{world.stiffness}" kv="{kv}"
+            forcelimited="true" forcerange="{-MAX_FORCE} {MAX_FORCE}"/>"""
+        for f in range(FINGERS) for e in range(3)
+    )  # fmt: skip
+    return tips, servos
 
 
 def rounded(sides, edge: float) -> np.ndarray:
