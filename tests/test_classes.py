@@ -142,14 +142,13 @@ def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):
 
 
 @pytest.mark.slow
-def test_a_box_starts_from_the_poses_of_a_hull(recorded):
-    data, scene, _ = recorded
-    data = data.select([0, 1])
+def test_a_box_starts_from_the_poses_of_a_hull(touched):
+    data, scene = touched.measurements, touched.scene
     hull = solve_estimate(data, scene, shape="polytope")
     given = {"formulation": "violation_implicit", "executor": None, "throw": False}
     given |= {"options": None, "start": None, "session": Session(), "poses": hull}
     box = estimate_of_class(data, scene, shape=CUBOID, **given)
-    assert box.objective < solve_estimate(data, scene).objective + 0.1
+    assert box.objective < touched.objective + 0.1
     assert box.origin.path == ("poses of a polytope",)
     assert estimate_of_class(data, scene, shape=CUBOID, most=-1.0, **given) is None
 

@@ -90,7 +90,7 @@ def test_poses_between_tracked_samples_are_on_the_way(dense):
 
 @pytest.mark.slow
 def test_a_dense_recording_is_estimated_as_well_for_few_more_iterations(
-    recorded, dense, monkeypatch
+    touched, dense, monkeypatch
 ):
     data, scene = dense
     sizes, solve = [], coarse_to_fine.multistart
@@ -101,7 +101,7 @@ def test_a_dense_recording_is_estimated_as_well_for_few_more_iterations(
         return found
 
     monkeypatch.setattr(coarse_to_fine, "multistart", counted)
-    found, few = (solve_estimate(d, scene) for d in (data, recorded[0].select([0, 1])))
+    found, few = solve_estimate(data, scene), touched
     assert found.success
     assert found.fit.verdict == "good"
     assert found.position.shape == (data.samples, 3)

@@ -3,6 +3,7 @@
 import ast
 import re
 import sys
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -15,10 +16,16 @@ TACTILE = re.compile(
 )
 
 
+@cache
+def parsed(path):
+    return ast.parse(path.read_text())
+
+
+@cache
 def imported(path):
     """Return the modules that a file imports, relative ones with their dots."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         if isinstance(node, ast.ImportFrom):
@@ -28,7 +35,7 @@ def imported(path):
 
 def words(path):
     """Return the names and strings of a file's code, without docstrings, comments."""
-    tree, docs, found = ast.parse(path.read_text()), set(), []
+    tree, docs, found = parsed(path), set(), []
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
@@ -103,7 +110,7 @@ def test_the_name_of_a_constant_means_one_thing():
     values = {}
     packages = (ROOT / "tactilenlp").rglob("*.py"), (ROOT / "formulations").glob("*.py")
     for path in chain(*packages):
-        for line in ast.parse(path.read_text()).body:
+        for line in parsed(path).body:
             if isinstance(line, ast.Assign):
                 names = [t.id for t in line.targets if isinstance(t, ast.Name)]
                 for name in names:

@@ -55,7 +55,7 @@ def test_no_compiler_is_started_after_a_deadline(monkeypatch):
     assert codegen.begun([value], deadline=Deadline.within(0.0))() == [value]
 
 
-@pytest.fixture(params=["cuboid", "polytope"])
+@pytest.fixture(scope="module", params=["cuboid", "polytope"])
 def late(request):
     """A recording, and what is known of it at once."""
     shape, file = request.param, example_recording(request.param)

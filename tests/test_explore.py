@@ -183,10 +183,13 @@ def test_an_exploration_is_one_file_that_is_read_without_us(whole, tmp_path):
     assert np.array_equal(told, steps[1].told[0].finger_position)
 
 
-def test_exploration_ends_when_enough_is_known(whole):
+def test_exploration_ends_when_enough_is_known(whole, tmp_path):
     steps, _ = whole
-    few = list(explore(fresh(), until=lambda s: s.number == 0, **SAME))
-    assert len(few) == 1
+    Exploration(tuple(steps)).save(tmp_path / "exploration.npz")
+    kept = {"file": tmp_path / "exploration.npz", "workspace": Workspace()}
+    for last in (0, 1):
+        few = explore(None, until=lambda s, last=last: s.number == last, **kept, **SAME)
+        assert len(list(few)) == last + 1
     loose = list(explore(fresh(), until=0.1, **SAME))
     assert len(loose) == 1
     assert np.array_equal(loose[0].estimate.theta, steps[0].estimate.theta)

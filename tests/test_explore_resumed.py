@@ -1,6 +1,7 @@
 """An exploration goes on with a world that was made anew and begins at time zero."""
 
 import json
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,16 @@ from test_explore import SAME, Recorder, fresh
 from tactilenlp import Exploration, World, choose_action, explore
 from tactilenlp.errors import MeasurementError, StartError
 
+ONE = SAME | {"actions": 1}
+
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    """A first touch that is kept in a file."""
+    """A first touch, the file that keeps it, and the action that follows at once."""
     file = tmp_path_factory.mktemp("begun") / "kept.npz"
-    (step,) = explore(fresh(), file=file, **SAME | {"actions": 0})
-    return step, file.read_bytes()
+    steps = explore(fresh(), file=file, **ONE)
+    first, kept = next(steps), file.read_bytes()
+    return first, kept, next(steps)
 
 
 @pytest.fixture
@@ -26,19 +30,27 @@ def file(begun, tmp_path):
     return path
 
 
-def test_times_go_on_after_those_that_are_kept(begun, file):
-    first, _ = begun
-    *_, last = explore(fresh(), file=file, **SAME | {"actions": 1})
+@pytest.fixture(scope="module")
+def resumed(begun, tmp_path_factory):
+    """The same action in a world made anew, its file, and what was logged."""
+    file, said = tmp_path_factory.mktemp("resumed") / "kept.npz", []
+    file.write_bytes(begun[1])
+    log, handler = logging.getLogger("tactilenlp"), logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())
+    log.addHandler(handler)
+    *_, last = explore(fresh(), file=file, **ONE)
+    log.removeHandler(handler)
+    return last, file, "".join(said)
+
+
+def test_times_go_on_after_those_that_are_kept(begun, resumed):
+    first, (last, file, _) = begun[0], resumed
     assert last.estimate.measurements.actions == 2
     assert last.measurements.time[0] == first.measurements.time[-1] + 1.0
     assert np.ptp(last.measurements.time) == pytest.approx(1.0, abs=0.05)
     assert Exploration.load(file).at(1).measurements == last.measurements
-    again = list(
-        explore(
-            None, file=file, workspace=last.action.workspace, **SAME | {"actions": 1}
-        )
-    )
-    assert again[-1].estimate.objective == last.estimate.objective
+    *_, again = explore(None, file=file, workspace=last.action.workspace, **ONE)
+    assert again.estimate.objective == last.estimate.objective
 
 
 def test_a_kept_choice_is_repeated_from_its_seed_and_older_files_have_none(begun, file):
@@ -59,17 +71,14 @@ def test_a_kept_choice_is_repeated_from_its_seed_and_older_files_have_none(begun
 def test_a_replayed_world_measures_as_if_nothing_had_happened(begun, file, caplog):
     world = fresh()
     Exploration.load(file).replay(world)
-    *_, last = explore(world, file=file, **SAME | {"actions": 1})
+    *_, last = explore(world, file=file, **ONE)
     assert "has not executed" not in caplog.text
     assert last.errors  # the world knows the truth of every saved sample
-    *_, straight = explore(fresh(), **SAME | {"actions": 1})
-    assert last.measurements == straight.measurements
+    assert last.measurements == begun[2].measurements
 
 
-def test_a_world_that_was_not_replayed_is_said_so(file, caplog):
-    next(steps := explore(fresh(), file=file, **SAME | {"actions": 1}))
-    next(steps)
-    assert "Exploration.load(file).replay(world)" in caplog.text
+def test_a_world_that_was_not_replayed_is_said_so(resumed):
+    assert "Exploration.load(file).replay(world)" in resumed[2]
 
 
 def test_another_world_is_not_replayed(file):
@@ -77,21 +86,14 @@ def test_another_world_is_not_replayed(file):
         Exploration.load(file).replay(World((0.03, 0.03, 0.03)))
 
 
-def test_times_go_on_after_those_of_a_start(begun):
-    start = begun[0].estimate
-    (step,) = explore(fresh(), start=start, **SAME | {"actions": 1})
-    assert step.estimate.measurements.actions == 2
-
-
-def test_a_kept_step_whose_times_do_not_go_on_is_taken_up_too(begun, file):
-    first, _ = begun
-    *_, last = explore(fresh(), file=file, **SAME | {"actions": 1})
+def test_a_kept_step_whose_times_do_not_go_on_is_taken_up_too(begun, resumed, file):
+    first, last = begun[0], resumed[0]
     data = replace(
         last.measurements, time=last.measurements.time - last.measurements.time[0]
     )
     broken = replace(last, measurements=data, estimate=None)
     Exploration((first, broken)).save(file)
-    *_, again = explore(fresh(), file=file, **SAME | {"actions": 1})
+    *_, again = explore(fresh(), file=file, **ONE)
     times = [one.estimate.measurements.time for one in (again, last)]
     assert times[0] == pytest.approx(times[1], abs=1e-12)
 
@@ -111,11 +113,12 @@ def test_what_cannot_be_appended_is_not_stored(tmp_path):
     assert [step.number for step in Exploration.load(file).steps] == [0]
 
 
-def test_a_world_is_replayed_whose_clock_began_elsewhere(begun, tmp_path):
+def test_times_go_on_after_those_of_a_start_and_such_a_world_is_replayed(
+    begun, tmp_path
+):
     """A file that a start was given to has later times than a world made anew."""
-    first, _ = begun
-    file = tmp_path / "later.npz"
-    given = SAME | {"actions": 1}
-    *_, last = explore(fresh(), file=file, start=first.estimate, **given)
+    first, file = begun[0], tmp_path / "later.npz"
+    (last,) = explore(fresh(), file=file, start=first.estimate, **ONE)
+    assert last.estimate.measurements.actions == 2
     assert last.measurements.time[0] > first.measurements.time[-1]
     Exploration.load(file).replay(fresh())

@@ -71,7 +71,8 @@ def test_an_exploration_goes_on_until_the_fit_is_good(estimate, monkeypatch):
         return replace(judged(estimate, "poor"), measurements=data)
 
     monkeypatch.setattr("tactilenlp.exploration.loop.solve_estimate", always_poor)
-    steps = explore(fresh(), actions=2, policy="random", until=1.0, seed=1)
+    given = {"actions": 2, "policy": "random", "centre": CENTRE, "seed": 1}
+    steps = explore(fresh(), until=1.0, **given)
     assert len(list(steps)) == 3  # sigma is below a metre, but no fit is good
 
 

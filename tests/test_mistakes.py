@@ -178,15 +178,7 @@ def test_a_body_without_a_ground_is_not_checked(data):
     check_mistakes(wrong, Scene(ground=None))
 
 
-@pytest.mark.parametrize(
-    ("words", "order"),
-    [
-        ("in another order", lambda p: p[:, [1, 2, 0]]),
-        ("in another order", lambda p: p[:, [2, 0, 1]]),
-        ("coordinates are swapped", lambda p: p.transpose(0, 2, 1)),
-    ],
-)
-def test_three_fingers_in_another_order_are_named(words, order):
+def test_three_fingers_in_another_order_are_named():
     space, rng = Workspace(fingers=3), np.random.default_rng(2)
     world = World((0.05, 0.035, 0.04), finger_radius=[0.01] * 3)
     data = world.execute(space.random(rng).trajectory([0.0, 0.0, 0.02]))
@@ -194,10 +186,14 @@ def test_three_fingers_in_another_order_are_named(words, order):
         path = space.random(rng).trajectory(world.pose[:3])
         data = data.append(world.execute(path))
     check_mistakes(data, Scene())
-    with pytest.raises(MistakeError, match=words):
-        check_mistakes(
-            changed(data, finger_position=order(data.finger_position)), Scene()
-        )
+    p = data.finger_position
+    for words, wrong in (
+        ("in another order", p[:, [1, 2, 0]]),
+        ("in another order", p[:, [2, 0, 1]]),
+        ("coordinates are swapped", p.transpose(0, 2, 1)),
+    ):
+        with pytest.raises(MistakeError, match=words):
+            check_mistakes(changed(data, finger_position=wrong), Scene())
 
 
 def poked(pokes: int, rest: int, press: float = 8e-3):

@@ -22,15 +22,10 @@ LEVELS = freed_levels(page.LEVELS)
 
 
 @pytest.fixture(scope="module")
-def case(recorded):
-    """The shipped recording, in which all faces are told, and its optimum."""
-    from tactilenlp import solve_estimate
-
-    data, scene, _ = recorded
-    data = data.select(range(3))
-    estimate = solve_estimate(data, scene, options=Options(rivals=False))
-    job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
-    return job, estimate.hypotheses[0]
+def case(estimate):
+    """Three actions of the shipped recording, and their optimum."""
+    given = estimate.measurements, estimate.scene, CUBOID, Options()
+    return make_job(*given, time.monotonic(), page), estimate.hypotheses[0]
 
 
 def pushed(h, way):

@@ -23,12 +23,9 @@ from tactilenlp.solvers.solve import solve, solve_levels
 
 
 @pytest.fixture(scope="module")
-def found(recorded):
+def found(touched):
     """Data and scene of two actions, and where a search finds the object in them."""
-    data, scene, _ = recorded
-    data = data.select(range(2))
-    estimate = solve_estimate(data, scene)
-    return data, scene, estimate.hypotheses[0]
+    return touched.measurements, touched.scene, touched.hypotheses[0]
 
 
 def programme(data, scene, h, off=()):
@@ -258,17 +255,15 @@ def test_what_was_not_measured_beside_a_touch_may_have_moved_the_object(recorded
     assert not possible_contact(away)[:, f].any()
 
 
-def test_a_body_pushed_by_a_finger_that_reports_nothing_is_not_at_rest(recorded):
+def test_a_body_pushed_by_a_finger_that_reports_nothing_is_not_at_rest(touched):
     """Static friction holds a body that nothing pushes, and no other one."""
-    data, scene, _ = recorded
-    data = data.select(range(2))
+    data, whole = touched.measurements, touched
     rows = np.flatnonzero((data.action == 1) & data.contact.any(axis=1))
     contact = data.contact.copy()
     contact[rows[len(rows) // 2 :]] = False
     normal = np.where(contact[..., None], data.normal, 0.0)
     lost = replace(data, contact=contact, normal=normal)
-    options = Options(check_mistakes=False)
-    whole, torn = (solve_estimate(d, scene, options=options) for d in (data, lost))
+    torn = solve_estimate(lost, touched.scene, options=Options(check_mistakes=False))
     (rest,) = [s for s in whole.skipped if s.name == "still"]
     assert rest.holds
     assert whole.cuts == ()

@@ -18,10 +18,8 @@ from tactilenlp.search.local_solve import solved_from, warm_started
 DECLINED = Skipped("rigid", "compliance", "rigid", "gains [nats]", 1.0, 5.0, True)
 
 
-def test_every_reduction_can_be_switched_off_alone(recorded):
-    data, scene, _ = recorded
-    data = data.select(range(2))
-    h = solve_estimate(data, scene).hypotheses[0]
+def test_every_reduction_can_be_switched_off_alone(touched):
+    data, scene, h = touched.measurements, touched.scene, touched.hypotheses[0]
 
     def job(options):
         return make_job(data, scene, CUBOID, options, time.monotonic(), page)
@@ -64,11 +62,9 @@ def test_a_body_at_rest_does_not_creep(estimate):
 
 @pytest.mark.slow
 def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_move(
-    recorded, monkeypatch
+    estimate, monkeypatch
 ):
-    data, scene, _ = recorded
-    data = data.select(range(3))
-    merged = solve_estimate(data, scene)
+    data, scene, merged = estimate.measurements, estimate.scene, estimate
     apart = solve_estimate(data, scene, options=Options(reduce="still"))
     still = next(s for s in merged.skipped if s.name == "still")
     assert 0 < still.value <= 1
