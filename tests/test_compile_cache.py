@@ -11,6 +11,7 @@ import signal
 import stat
 import tempfile
 import time
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -41,9 +42,8 @@ pytestmark = [
 ]
 
 
-@pytest.fixture
-def home():
-    """A folder that belongs to whoever the child is."""
+@contextmanager
+def folder_of_the_child():
     folder = Path(tempfile.mkdtemp())
     folder.chmod(0o755)
     own(folder)
@@ -52,6 +52,30 @@ def home():
         if path.is_dir() and not path.is_symlink():
             path.chmod(0o700)
     shutil.rmtree(folder)
+
+
+@pytest.fixture
+def home():
+    """A folder that belongs to whoever the child is."""
+    with folder_of_the_child() as folder:
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def template():
+    """A home with a full cache."""
+    with folder_of_the_child() as folder:
+        filled(folder)
+        yield folder
+
+
+@pytest.fixture
+def library(template, home):
+    """One of the two libraries in a cache that was full before, in `home`."""
+    shutil.copytree(template, home, dirs_exist_ok=True)
+    for path in home.rglob("*"):
+        own(path)
+    return max(home.rglob("*.so"))
 
 
 REPAIRED = {
@@ -70,15 +94,14 @@ REPAIRED = {
 
 
 @pytest.mark.parametrize("state", REPAIRED)
-def test_a_damaged_library_is_compiled_again(home, state):
-    _, (library, _) = filled(home)
+def test_a_damaged_library_is_compiled_again(home, library, state):
     REPAIRED[state](library)
     assert run(cache_of(home)) == ([COMPILED] * 2, [])
     assert run(cache_of(home)) == ([COMPILED] * 2, [])
 
 
-def test_a_library_under_the_name_of_another_is_not_loaded(home):
-    _, libraries = filled(home)
+def test_a_library_under_the_name_of_another_is_not_loaded(home, library):
+    libraries = sorted(library.parent.glob("*.so"))
     digests = [digest_of(library) for library in libraries]
     before = [path.read_bytes() for path in digests]
     for files in (libraries, digests):
@@ -117,8 +140,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("state", REFUSED)
-def test_what_is_not_to_trust_is_refused_with_one_warning(home, state):
-    _, (_, library) = filled(home)
+def test_what_is_not_to_trust_is_refused_with_one_warning(home, library, state):
     REFUSED[state](home, library)
     kinds, warnings = run(cache_of(home))
     assert INTERPRETED in kinds
@@ -130,10 +152,10 @@ def other_user():
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
-def test_a_folder_in_one_of_another_user_is_refused(home):
-    folder, _ = filled(home)
-    os.chown(folder.parent, NOBODY + 1, NOBODY)
-    folder.parent.chmod(0o755)
+def test_a_folder_in_one_of_another_user_is_refused(home, library):
+    above = library.parents[1]
+    os.chown(above, NOBODY + 1, NOBODY)
+    above.chmod(0o755)
     kinds, warnings = run(cache_of(home))
     assert kinds == [INTERPRETED] * 2
     assert len(warnings) == 1
@@ -154,17 +176,16 @@ def full():
 
 
 @pytest.mark.parametrize("patch", [other_user, no_home, full])
-def test_without_a_usable_folder_there_is_one_warning(home, patch):
+def test_without_a_usable_folder_there_is_one_warning(home, patch, request):
     if patch is other_user:
-        filled(home)
+        request.getfixturevalue("library")
     kinds, warnings = run(cache_of(home), patch)
     assert kinds == [INTERPRETED] * 2
     assert len(warnings) == 1
 
 
-def test_a_read_only_folder_with_all_libraries_is_used(home):
-    folder, _ = filled(home)
-    folder.chmod(0o500)
+def test_a_read_only_folder_with_all_libraries_is_used(home, library):
+    library.parent.chmod(0o500)
     assert run(cache_of(home)) == ([COMPILED] * 2, [])
 
 
