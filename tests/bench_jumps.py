@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from bench import wait_for
 from bench_robot import FREE, Setup, numbers, trajectory
 
 from hardware.clock import HostClock
@@ -110,8 +111,7 @@ def run_trial(monkeypatch, phase, delay, step, first=FREE):
             result = setup.world.execute(first)
             if phase == "kept up":
                 waited = setup.robot.now() + delay + 0.3
-                while setup.robot.now() < waited and setup.world._failed is None:
-                    pass
+                wait_for(lambda: setup.robot.now() > waited or setup.world._failed)
                 result = setup.world.execute(FREE)
         except HardwareError as bad:
             result = bad

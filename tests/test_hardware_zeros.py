@@ -70,7 +70,8 @@ def test_a_second_start_finds_the_zero_again():
             assert finger.skin.touches[-1].strength == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_second_start_does_not_enable_motors_without_the_sensors():
+def test_a_second_start_does_not_enable_motors_without_the_sensors(monkeypatch):
+    monkeypatch.setattr("hardware.bench.LEARN", 2.0)
     with Setup() as setup:
         setup.world.start()
         setup.world.stop()
