@@ -3,6 +3,8 @@
 import fcntl
 import os
 import pickle
+import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,29 @@ SCENES = ROOT.parent / "shared" / "scenes"
 TOSSES = ROOT.parent / "shared" / "captures" / "cube_tosses.npz"
 RECORDINGS = ROOT / "tactilenlp" / "data" / "recordings"
 RECORDED = RECORDINGS / "cuboid.npz"
+BENCHMARKS = ROOT / "examples" / "benchmarks"
+
+os.environ["MPLBACKEND"] = "Agg"
+
+
+def benchmark(*names):
+    """Return a fixture: a script of the benchmarks as a module, or several."""
+
+    @pytest.fixture
+    def modules(monkeypatch):
+        monkeypatch.syspath_prepend(str(BENCHMARKS))
+        found = [import_module(name) for name in names]
+        return found if len(found) > 1 else found[0]
+
+    return modules
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    """Close the figures of a test."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 def squeezed(*body, **about):
@@ -153,7 +178,5 @@ def pushed():
 def foreign(monkeypatch):
     """The benchmark of boxes in other worlds, as a module."""
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    monkeypatch.syspath_prepend(str(ROOT / "examples" / "benchmarks"))
-    import foreign
-
-    return foreign
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return import_module("foreign")

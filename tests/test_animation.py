@@ -1,9 +1,5 @@
 """A film shows every sample that is asked for, or says why it cannot be made."""
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -11,12 +7,6 @@ from matplotlib.figure import Figure
 
 from tactilenlp.errors import OptionError
 from tactilenlp.plotting.animation import animate
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 @pytest.mark.slow

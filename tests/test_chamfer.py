@@ -1,27 +1,17 @@
 """The paper's Chamfer distances that benchmarks report."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
 from bodies import POSITION, QUATERNION, SIDES, cuboid
+from conftest import benchmark
 from numpy.testing import assert_allclose
 from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.evaluation.metrics import surface_distance
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
-
-
-@pytest.fixture
-def chamfer(monkeypatch):
-    """Return the module of the benchmarks."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import chamfer
-
-    return chamfer
+chamfer = benchmark("chamfer")
 
 
 def test_the_seed_decides_the_points(chamfer):

@@ -8,19 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import BENCHMARKS, benchmark
 
 from tactilenlp.geometry.faces import polygons
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
-
-
-@pytest.fixture
-def modules(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import exploration_report
-    import exploration_study
-
-    return exploration_study, exploration_report
+modules = benchmark("exploration_study", "exploration_report")
 
 
 def fake_run(trial, policy, start, actions, budget, objects):

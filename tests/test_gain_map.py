@@ -1,21 +1,11 @@
 """Maps of the expected information gain."""
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from tactilenlp import choose_action, plot_gain
 from tactilenlp.plotting import gain_map
-
-
-@pytest.fixture(autouse=True)
-def closed():
-    yield
-    plt.close("all")
 
 
 def test_the_map_of_gains_marks_the_chosen_action(estimate, monkeypatch):

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import ROOT, TOSSES
+from conftest import TOSSES, benchmark
 
 from formulations import known_trajectory as page
 from tactilenlp import Scene, Trajectories, identify_body
@@ -20,13 +20,7 @@ MASS = 0.37  # [kg] of the real cube, as measured by who recorded it
 SCENE = Scene(mass=MASS)
 
 
-@pytest.fixture
-def boxes(monkeypatch):
-    """The benchmark that tosses boxes in MuJoCo, whose ground is soft."""
-    monkeypatch.syspath_prepend(str(ROOT / "examples" / "benchmarks"))
-    import tossed_boxes
-
-    return tossed_boxes
+boxes = benchmark("tossed_boxes")  # in MuJoCo, whose ground is soft
 
 
 def test_heights_of_the_origin_tell_the_half_widths_it_rested_on(boxes):

@@ -1,24 +1,17 @@
 """The benchmark of sigma: it must find a sigma that is too small, or a bias."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import RECORDED
+from conftest import RECORDED, benchmark
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 NAMES = ["side x", "position x", "rotation z"]
 C = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.2], [0.0, 0.2, 9.0]]) * 1e-6
 KINDS = ("user", "exact", "sandwich", "gauss_newton", "paper")
 
 
-@pytest.fixture
-def report(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import report_monte_carlo
-
-    return report_monte_carlo
+report = benchmark("report_monte_carlo")
 
 
 def rows(count=400, bias=0.0, **covariances):

@@ -3,10 +3,6 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -34,12 +30,6 @@ NUMBERS = (plot_impulses, plot_costs, plot_cones, plot_progress)
 PLOTS = (plot_scene, plot_top, plot_estimate, plot_information, *NUMBERS)
 SOLID = (plot_scene, plot_information)
 BAND = "±1σ of each face"
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def drawn(figure):
@@ -263,7 +253,6 @@ def test_an_axis_of_somebody_else_gets_our_letters_and_lines(touched):
     flat = figure.add_subplot()
     plot_top(touched, axis=flat)
     assert not flat.spines["top"].get_visible()
-    plt.close(figure)
 
 
 def test_four_axes_of_ones_own_are_drawn_into(touched):

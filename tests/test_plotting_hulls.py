@@ -1,10 +1,5 @@
 """Pictures of a polytope show its faces, their bands and its truth."""
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from conftest import RECORDED
@@ -13,12 +8,6 @@ from test_plotting import BAND, MM, PLOTS, labelled
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.plotting.faces import faces_of
 from tactilenlp.plotting.scene import plot_top
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

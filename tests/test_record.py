@@ -2,11 +2,10 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from conftest import BENCHMARKS, benchmark
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 HEAD = "start,actions,page,mm,converged,iterations,cpu_s\n"
 BEFORE = HEAD + (
     "near,2,shooting,0.50,True,20,1.0\n"
@@ -16,12 +15,7 @@ BEFORE = HEAD + (
 )
 
 
-@pytest.fixture
-def record(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import record
-
-    return record
+record = benchmark("record")
 
 
 @pytest.fixture

@@ -1,22 +1,12 @@
 """The benchmarks of reductions and of building: what they compare is comparable."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from conftest import benchmark
 
 from formulations.polytope import polytope
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
-
-
-@pytest.fixture
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import build_time
-    import reductions
-
-    return build_time, reductions
+benchmarks = benchmark("build_time", "reductions")
 
 
 def test_denser_data_keep_their_samples_and_the_gaps_between_actions(

@@ -1,24 +1,16 @@
 """The study on the simulated robot: its conditions, its judgement, its figure."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import benchmark
 from scipy.spatial.transform import Rotation
 
 from hardware.errors import LimitError
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
-
-
-@pytest.fixture
-def study(monkeypatch):
-    pytest.importorskip("cv2", reason="needs tactilenlp[optical]")
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import explore_on_robot
-
-    return explore_on_robot
+pytest.importorskip("cv2", reason="needs tactilenlp[optical]")
+study = benchmark("explore_on_robot")
 
 
 def test_tips_at_rest_are_as_far_off_as_the_papers(study):

@@ -1,15 +1,15 @@
 """The noise of sensors, as it is estimated from what they report."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import benchmark
 
 from tactilenlp import solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
+sensors = benchmark("foreign_sensors")
 
 
 def turning(data, rate: float, step: float):
@@ -52,12 +52,9 @@ def test_normals_of_a_body_that_moves_smoothly_are_in_no_steps(recorded):
 
 
 @pytest.mark.slow
-def test_rounded_normals_leave_an_estimate_right_or_honest(recorded, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    from foreign_sensors import normals_in_steps
-
+def test_rounded_normals_leave_an_estimate_right_or_honest(recorded, sensors):
     data, scene, truth = recorded
-    estimate = solve_estimate(normals_in_steps(15.0, data, None), scene)
+    estimate = solve_estimate(sensors.normals_in_steps(15.0, data, None), scene)
     error = np.sort(estimate.side_lengths) - np.sort(truth["side_lengths"])
     sigma = estimate.information.sigma("side_lengths")
     assert (np.abs(error) < 3 * sigma[np.argsort(estimate.side_lengths)]).all()

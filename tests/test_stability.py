@@ -8,21 +8,15 @@ import sys
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import BENCHMARKS, benchmark
 
 LONGEST = 60.0  # [s] until a suite of few cells must have ended
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 
 
-@pytest.fixture
-def suite(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import stability
-
-    return stability
+suite = benchmark("stability")
 
 
 @pytest.fixture

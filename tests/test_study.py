@@ -12,20 +12,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import BENCHMARKS, benchmark
 from threadpoolctl import threadpool_info
 
 from tactilenlp.errors import FileError
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "examples" / "benchmarks"
 CASES = [(2, "a"), (3, "b"), (4, "c")]
 
 
-@pytest.fixture
-def study(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    import study
-
-    return study
+study = benchmark("study")
 
 
 def squared(number, word):

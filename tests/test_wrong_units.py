@@ -1,9 +1,5 @@
 """Millimetres, degrees, grams, wrong shapes: refused where they come in, with a fix."""
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -142,7 +138,6 @@ def test_what_is_wrong_is_refused_with_what_was_expected(
     recorded[0].save("recording.npz")
     with pytest.raises(TactileError) as caught:
         call(estimate, recorded[0].select([0]))
-    plt.close("all")
     assert words in str(caught.value)
     assert caught.value.where  # a stranger finds what is meant
     assert [path.name for path in tmp_path.iterdir()] == ["recording.npz"]
