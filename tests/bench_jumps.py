@@ -1,6 +1,7 @@
 """A wall clock that is set while the simulated robot moves, and what is checked."""
 
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from bench import wait_for
@@ -8,7 +9,6 @@ from bench_robot import FREE, Setup, numbers, trajectory
 
 from hardware.clock import HostClock
 from hardware.errors import HardwareError
-from hardware.motor_can import Reference
 from hardware.simulated_robot import NOON, simulated_rig
 
 PHASES = ("start", "zero", "approach", "settle", "path", "way back", "kept up")
@@ -117,15 +117,9 @@ def run_trial(monkeypatch, phase, delay, step, first=FREE):
             result = bad
         setup.world.stop()
         assert setup.left_in_peace()
+        said = list(chain(*setup.references()))
     assert setup.stepped(), phase
-    said = [
-        c
-        for one in setup.robot.fingers
-        for board in one.boards
-        for c in board.received
-        if isinstance(c, Reference)
-    ]
     bound = setup.world.gains.torque / setup.rig.fingers[0].joints.newton_metres
-    assert np.isfinite([c.values for c in said]).all()
-    assert np.abs([c.values for c in said]).max() <= bound + 1e-6
+    assert np.isfinite(said).all()
+    assert np.abs(said).max() <= bound + 1e-6
     return setup, result

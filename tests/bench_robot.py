@@ -106,23 +106,29 @@ class Setup:
         self.robot.after = look
         return done
 
-    def motors_enabled(self):
-        """Whether any motor is enabled, by what its board has received."""
+    @property
+    def boards(self):
+        """All simulated boards, which have received what was sent so far."""
         boards = [board for one in self.robot.fingers for board in one.boards]
         for board in boards:
             board.listen(self.robot.now())
-        return any(board._enabled.any() for board in boards)
+        return boards
+
+    def references(self):
+        """The currents that each board was commanded."""
+        return [
+            [c.values for c in board.received if isinstance(c, Reference)]
+            for board in self.boards
+        ]
+
+    def motors_enabled(self):
+        """Whether any motor is enabled, by what its board has received."""
+        return any(board._enabled.any() for board in self.boards)
 
     def left_in_peace(self):
         """All motors got zero current, and no current flows."""
-        for one in self.robot.fingers:
-            for board in one.boards:
-                board.listen(self.robot.now())
-                assert not board.current.any()
-                said = [c for c in board.received if isinstance(c, Reference)]
-                if said and said[-1].values != (0.0, 0.0):
-                    return False
-        return True
+        assert not any(board.current.any() for board in self.boards)
+        return all(said[-1:] in ([], [(0.0, 0.0)]) for said in self.references())
 
 
 def stop_a_board(setup):

@@ -35,9 +35,8 @@ def test_a_stop_from_elsewhere_ends_an_action():
 
 def test_a_stop_from_elsewhere_ends_the_alignment():
     with Setup() as setup:
-        for one in setup.robot.fingers:
-            for board in one.boards:
-                board.alignment = 1.0
+        for board in setup.boards:
+            board.alignment = 1.0
         done = setup.after(0.5, setup.world.stop)
         with pytest.raises(HardwareError, match="was stopped"):
             setup.world.start()
@@ -59,9 +58,9 @@ def test_a_stop_while_a_world_starts_leaves_no_motor_enabled(when, monkeypatch):
         with pytest.raises(HardwareError, match="was stopped"):
             setup.world.start()
         assert not setup.motors_enabled()
-        boards = [board for one in setup.robot.fingers for board in one.boards]
         on = Order(Command.ENABLE_MOTOR_1, 1)
-        assert all((on in board.received) == (when == "start") for board in boards)
+        heard = [on in board.received for board in setup.boards]
+        assert heard == [when == "start"] * 4
 
 
 def test_a_start_that_is_interrupted_leaves_no_motor_enabled(monkeypatch):

@@ -7,7 +7,7 @@ import time
 import can
 import numpy as np
 import pytest
-from bench import FUZZ, refused, terminal
+from bench import FUZZ, refused, terminal, wait_for
 from bench_wires import line, slcan
 
 from hardware.errors import BusError, HardwareError, StaleStreamError
@@ -27,11 +27,12 @@ def opened(terminal, **options):
     return MotorBoard(slcan(terminal), name="board 0", **options)
 
 
-def poll_until(board, condition, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
+def poll_until(board, condition):
+    def polled():
         board.poll()
-    assert condition()
+        return condition()
+
+    wait_for(polled)
 
 
 def test_frames_come_through_an_slcan_adapter(terminal):

@@ -47,9 +47,7 @@ def test_the_end_of_a_with_block_leaves_no_current():
         with setup.world as world:
             world.start()  # finds the zeros first, and commands no current yet
             world._follow(world._here(), 0.1)
-            assert any(
-                b.reference.any() for one in setup.robot.fingers for b in one.boards
-            )
+            assert any(board.reference.any() for board in setup.boards)
         assert setup.left_in_peace()
 
 
@@ -191,8 +189,7 @@ def test_a_workspace_beyond_the_robot_is_refused_at_rest(error, word, space, cen
         with pytest.raises(error, match=word):
             next(explore(setup.world, workspace=wanted, centre=centre))
         assert setup.robot.now() == before  # no step of control
-        boards = [board for one in setup.robot.fingers for board in one.boards]
-        assert not any(board.received for board in boards)
+        assert not any(board.received for board in setup.boards)
 
 
 def test_actions_that_are_within_reach_are_not_refused():
