@@ -107,6 +107,13 @@ def recorded():
 
 
 @pytest.fixture(scope="session")
+def two_actions(recorded):
+    """The first two actions: from the top, then on two sides; scene and truth keys."""
+    data, scene, truth = recorded
+    return data.select(range(2)), scene, truth
+
+
+@pytest.fixture(scope="session")
 def once(tmp_path_factory):
     """Return a function: what `make()` returns, made by one worker of pytest-xdist.
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 from conftest import RECORDINGS
 from scipy.spatial.transform import Rotation
+from trimesh.convex import convex_hull
+from trimesh.transformations import quaternion_matrix, transform_points
 
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
@@ -49,12 +51,23 @@ def true_values(problem, window, truth, rng=None):
     return values
 
 
+def octahedron(actions):
+    """Return the first actions of the octahedron, its scene, its surface at the end."""
+    data = Measurements.load(OCTAHEDRON).select(range(actions))
+    with np.load(OCTAHEDRON) as file:
+        last = data.samples - 1
+        pose = quaternion_matrix(file["object_quaternion"][last])
+        pose[:3, 3] = file["object_position"][last]
+        surface = convex_hull(transform_points(file["vertices"], pose))
+    return data, Scene.load(OCTAHEDRON), surface
+
+
 def slid_octahedron():
     """Return two actions of the octahedron, its vertices and planar poses as true.
 
     The body's axes are the world's at the last sample, its origin on the ground.
     """
-    data = Measurements.load(OCTAHEDRON).select(range(2))
+    data, scene, _ = octahedron(2)
     with np.load(OCTAHEDRON) as file:
         last = data.samples - 1
         p, q = file["object_position"][: last + 1], file["object_quaternion"]
@@ -63,7 +76,7 @@ def slid_octahedron():
     vertices[:, 2] -= vertices[:, 2].min()
     yaw = (R * R[-1].inv()).as_rotvec()[:, 2]
     x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
-    return data, Scene.load(OCTAHEDRON), filled(vertices, 8), x
+    return data, scene, filled(vertices, 8), x
 
 
 def sums(problem, values):

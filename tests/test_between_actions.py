@@ -8,15 +8,8 @@ from scipy.integrate import trapezoid
 from formulations import between_actions, quasi_static, violation_implicit
 
 
-@pytest.fixture(scope="module")
-def touched(recorded):
-    """The first two actions of the recording: from the top, then on two sides."""
-    data, scene, truth = recorded
-    return data.select(range(2)), scene, truth
-
-
-def test_what_an_object_may_do_between_actions_is_a_density(touched):
-    data, scene, truth = touched
+def test_what_an_object_may_do_between_actions_is_a_density(two_actions):
+    data, scene, truth = two_actions
     problem, window = programme(quasi_static, data, scene)
     values = true_values(problem, window, truth)
     link = window.gap.pose[0]
@@ -31,9 +24,9 @@ def test_what_an_object_may_do_between_actions_is_a_density(touched):
 
 
 def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it(
-    touched,
+    two_actions,
 ):
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     problem, window = programme(violation_implicit, data, scene)
     gap, x = window.gap, true_values(problem, window, truth)["x"]
     place, last, early = gap.pose[0], gap.before[0], gap.before_2[0]

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import RECORDINGS, squeezed
+from conftest import squeezed
+from programmes import octahedron
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
@@ -14,7 +15,6 @@ from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
 from tactilenlp import (
     Estimate,
-    Measurements,
     Options,
     Scene,
     face_sigma,
@@ -32,7 +32,6 @@ from tactilenlp.search.proposals_floating import (
     with_faces_tracked,
 )
 
-OCTAHEDRON = RECORDINGS / "polytope.npz"
 AFLOAT = Scene(ground=None, gravity=0.0)
 RADIUS = 0.03  # [m] of the octahedron that floats
 SHAPE = polytope()
@@ -189,7 +188,7 @@ def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
 @pytest.fixture(scope="module")
 def slid():
     """The estimate of a recording in which the body only slid, in planar motion."""
-    data, scene = Measurements.load(OCTAHEDRON).select(range(2)), Scene.load(OCTAHEDRON)
+    data, scene, _ = octahedron(2)
     return solve_estimate(data, scene, shape=SHAPE)
 
 
@@ -237,7 +236,7 @@ def test_in_free_motion_it_stays_on_the_ground_that_carries_it(slid, loose):
     weight = free.scene.mass * free.scene.gravity * data.dt
     held = (carried + pushed)[carried != 0]  # fingers on slanted faces press it down
     assert np.median(held) == pytest.approx(weight, rel=0.1)
-    longer = Measurements.load(OCTAHEDRON).select(range(3))
+    longer = octahedron(3)[0]
     jobs = [
         make_job(longer, free.scene, SHAPE, Options(reduce=off), 0.0, page)
         for off in (True, ("planar",))

@@ -51,21 +51,14 @@ MOVED = [
 ]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def touched(recorded):
-    """The first two actions of the recording: from the top, then on two sides."""
-    data, scene, truth = recorded
-    return data.select(range(2)), scene, truth
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("page", "case"), DERIVED)
 def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(
-    page, case, touched, request
+    page, case, two_actions, request
 ):
     if case not in ("planar", "free"):  # used nowhere else: not worth compiling
         request.getfixturevalue("interpreted")
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     scene = replace(scene, **CASES[case].get("scene", {}))
     problem, window = programme(PAGES[page], data, scene, CASES[case].get("choice"))
     rng = np.random.default_rng(8)
@@ -87,9 +80,9 @@ def test_every_term_of_a_page_has_the_derivatives_of_finite_differences(
 
 
 @pytest.mark.slow
-def test_the_gradient_of_shooting_is_that_of_differences(touched):
+def test_the_gradient_of_shooting_is_that_of_differences(two_actions):
     """Of the first poses and the sizes alone: the others follow from them."""
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     problem, window = programme(PAGES["shooting"], data, scene)
     rng, known, reduced = np.random.default_rng(7), problem.data(), problem.eliminated
     assert len(reduced.free) < problem.size / 3
@@ -104,8 +97,8 @@ def test_the_gradient_of_shooting_is_that_of_differences(touched):
 
 
 @pytest.mark.parametrize(("page", "case"), MOVED)
-def test_moving_the_whole_world_over_the_ground_costs_nothing(page, case, touched):
-    data, scene, truth = touched
+def test_moving_the_whole_world_over_the_ground_costs_nothing(page, case, two_actions):
+    data, scene, truth = two_actions
     spin, t = Rotation.from_euler("z", 0.8), np.array([0.3, -0.2, 0.0])
     moved = data.transformed(spin.as_matrix(), t)
     choice = CASES[case].get("choice")
@@ -135,8 +128,10 @@ def test_moving_the_whole_world_over_the_ground_costs_nothing(page, case, touche
 
 
 @pytest.mark.parametrize(("page", "case"), MOVED)
-def test_a_quarter_turn_with_two_sides_swapped_is_the_same_body(page, case, touched):
-    data, scene, truth = touched
+def test_a_quarter_turn_with_two_sides_swapped_is_the_same_body(
+    page, case, two_actions
+):
+    data, scene, truth = two_actions
     problem, window = programme(PAGES[page], data, scene, CASES[case].get("choice"))
     values = true_values(problem, window, truth, np.random.default_rng(10))
     other = dict(values)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import RECORDINGS
+from programmes import OCTAHEDRON
 
 from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
@@ -19,7 +19,6 @@ from tactilenlp.search.hypothesis import CLOSED, Hypothesis
 from tactilenlp.search.margins import DECISIVE
 from tactilenlp.search.solved import Solved, best_first
 
-OCTAHEDRON = RECORDINGS / "polytope.npz"
 PAGE = polytope_violation_implicit
 
 

@@ -19,13 +19,6 @@ from tactilenlp.tracking.geometry import geometry_of
 WEIGHT = 9.81  # [m/s^2] times mass and time step
 
 
-@pytest.fixture(scope="module")
-def touched(recorded):
-    """The first two actions of the shipped recording."""
-    data, scene, truth = recorded
-    return data.select(range(2)), scene, truth
-
-
 def without(data, lost):
     """Return the data without the samples that are lost (T, F)."""
     valid = data.valid & ~lost
@@ -55,16 +48,18 @@ def approaching(data) -> tuple[int, int]:
     return int(t) + 1, int(f)
 
 
-def test_a_missing_sample_hides_a_contact_beside_a_touch_only(touched):
-    data, _, _ = touched
+def test_a_missing_sample_hides_a_contact_beside_a_touch_only(two_actions):
+    data, _, _ = two_actions
     assert not unseen_contact(data).any()
     t, f = pushing(data)
     assert np.argwhere(unseen_contact(one(data, t, f))).tolist() == [[t, f]]
     assert not unseen_contact(one(data, *approaching(data))).any()
 
 
-def test_a_finger_that_stands_still_hides_no_contact_and_one_that_travels_does(touched):
-    data, _, _ = touched
+def test_a_finger_that_stands_still_hides_no_contact_and_one_that_travels_does(
+    two_actions,
+):
+    data, _, _ = two_actions
     rows = data.action == 0
     lost = np.zeros_like(data.valid)
     lost[rows, 0] = True
@@ -77,15 +72,15 @@ def test_a_finger_that_stands_still_hides_no_contact_and_one_that_travels_does(t
     assert not unseen_contact(parked)[rows, 0].any()
 
 
-def test_a_finger_that_never_measures_hides_no_contact(touched):
-    data, _, _ = touched
+def test_a_finger_that_never_measures_hides_no_contact(two_actions):
+    data, _, _ = two_actions
     lost = np.zeros_like(data.valid)
     lost[:, 0] = True
     assert not unseen_contact(without(data, lost)).any()
 
 
-def test_a_missing_sample_in_a_touch_keeps_its_impulse(touched):
-    data, scene, _ = touched
+def test_a_missing_sample_in_a_touch_keeps_its_impulse(two_actions):
+    data, scene, _ = two_actions
     t, f = pushing(data)
     lost = one(data, t, f)
     whole, window = (
@@ -102,9 +97,9 @@ def test_a_missing_sample_in_a_touch_keeps_its_impulse(touched):
     assert not np.isin(window.unfelt, window.unseen).any()
 
 
-def unseen_cost(touched, gap: float, impulse: float) -> float:
+def unseen_cost(two_actions, gap: float, impulse: float) -> float:
     """Return the cost [nats] of an impulse [weights] of a finger in the air."""
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     t, f = pushing(data)
     problem, window = programme(violation_implicit, one(data, t, f), scene)
     row = int(window.unseen[0])
@@ -128,21 +123,21 @@ def unseen_cost(touched, gap: float, impulse: float) -> float:
 
 
 def test_a_finger_whose_sample_is_missing_pays_for_impulses_across_a_gap(
-    touched, interpreted
+    two_actions, interpreted
 ):
     """Half a weight across 2 mm costs kappa = 5 nats/mm: five nats; none is free."""
-    assert unseen_cost(touched, 2e-3, 0.5) == pytest.approx(5.0, rel=1e-3)
-    assert unseen_cost(touched, 2e-3, 0.0) == pytest.approx(0.0, abs=1e-9)
+    assert unseen_cost(two_actions, 2e-3, 0.5) == pytest.approx(5.0, rel=1e-3)
+    assert unseen_cost(two_actions, 2e-3, 0.0) == pytest.approx(0.0, abs=1e-9)
     # Where it touches, an impulse costs what rounding max(phi, 0) leaves.
-    assert unseen_cost(touched, 0.0, 0.5) == pytest.approx(0.0, abs=0.05)
+    assert unseen_cost(two_actions, 0.0, 0.5) == pytest.approx(0.0, abs=0.05)
     # It cannot be inside: a millimetre is six deviations of the touched gap.
-    assert unseen_cost(touched, -1e-3, 0.0) > 4
+    assert unseen_cost(two_actions, -1e-3, 0.0) > 4
 
 
 def test_derivatives_with_missing_samples_are_those_of_finite_differences(
-    touched, interpreted
+    two_actions, interpreted
 ):
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     lost = one(data, *pushing(data))
     problem, window = programme(violation_implicit, lost, scene)
     values = true_values(problem, window, truth, np.random.default_rng(3))
@@ -153,9 +148,9 @@ def test_derivatives_with_missing_samples_are_those_of_finite_differences(
 
 
 def test_a_push_lasts_through_a_missing_sample_and_pays_for_changes(
-    touched, interpreted
+    two_actions, interpreted
 ):
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     t, f = pushing(data)
     problem, window = programme(violation_implicit, one(data, t, f), scene)
     push, pairs = window.push, np.transpose(window.lasting)
@@ -171,12 +166,14 @@ def test_a_push_lasts_through_a_missing_sample_and_pays_for_changes(
     assert cost[:, 0] == pytest.approx([0.3 / CHANGE] * 2, rel=0.1)  # rounded by 0.02
 
 
-def test_motion_lasts_where_a_finger_that_may_push_is_not_seen(touched, interpreted):
+def test_motion_lasts_where_a_finger_that_may_push_is_not_seen(
+    two_actions, interpreted
+):
     """A body that moves on at its speed costs nothing there, one that stops does.
 
     It then changes by 1 mm and 0.02 rad, a way of 1.08 mm: 0.82 mm rounded, 300 nats/m.
     """
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     t, f = pushing(data)
     lost = one(data, t, f)
     problem, window = programme(quasi_static, lost, scene)
@@ -195,9 +192,9 @@ def test_motion_lasts_where_a_finger_that_may_push_is_not_seen(touched, interpre
         assert found[0, 0] == pytest.approx(cost, abs=0.005)
 
 
-def test_a_body_that_is_let_go_in_motion_may_move_on(touched, interpreted):
+def test_a_body_that_is_let_go_in_motion_may_move_on(two_actions, interpreted):
     """By its motion since the last touch, and by one time step before."""
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     last = int(np.flatnonzero(data.contact.any(axis=1))[-1])
     problem, window = programme(violation_implicit, data, scene)
     x = true_values(problem, window, truth)["x"]
@@ -234,9 +231,9 @@ def test_half_of_the_samples_of_each_finger_tell_nearly_as_much(recorded):
     assert (np.abs(error) < 3 * half.information.sigma("side_lengths")[order]).all()
 
 
-def test_the_steps_of_a_later_action_keep_what_was_not_seen(touched):
+def test_the_steps_of_a_later_action_keep_what_was_not_seen(two_actions):
     """Of a window's second action: the same pushes and steps, numbered from zero."""
-    data, scene, _ = touched
+    data, scene, _ = two_actions
     lost = np.zeros_like(data.valid)
     lost[-12:-8] = True
     data = without(data, lost)
@@ -258,9 +255,9 @@ def test_the_steps_of_a_later_action_keep_what_was_not_seen(touched):
 
 
 @pytest.mark.slow
-def test_a_polytope_goes_on_by_an_action_with_missing_samples(touched):
+def test_a_polytope_goes_on_by_an_action_with_missing_samples(two_actions):
     """Its planes and poses are found for the new action alone (was an IndexError)."""
-    data, scene, _ = touched
+    data, scene, _ = two_actions
     lost = np.zeros_like(data.valid)
     lost[-12:-8] = True
     data = without(data, lost)

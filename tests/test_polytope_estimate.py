@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import RECORDINGS
+from programmes import octahedron
 from scipy.spatial.transform import Rotation
 from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
-from trimesh.transformations import quaternion_matrix, transform_points
 
 from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
@@ -16,8 +15,6 @@ from tactilenlp import (
     Estimate,
     Ground,
     Guess,
-    Measurements,
-    Scene,
     face_sigma,
     solve_estimate,
     surface_distance,
@@ -33,30 +30,22 @@ from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.polytope_init import search_polytope
 
-OCTAHEDRON = RECORDINGS / "polytope.npz"
 ACTIONS = 4
 
 
 @pytest.fixture(scope="module")
-def octahedron():
-    """Data of the first actions, scene, and the true surface at the last sample."""
-    data = Measurements.load(OCTAHEDRON).select(range(ACTIONS))
-    with np.load(OCTAHEDRON) as file:
-        last = data.samples - 1
-        pose = quaternion_matrix(file["object_quaternion"][last])
-        pose[:3, 3] = file["object_position"][last]
-        truth = convex_hull(transform_points(file["vertices"], pose))
-    return data, Scene.load(OCTAHEDRON), truth
+def slid():
+    return octahedron(ACTIONS)
 
 
 @pytest.fixture(scope="module")
-def hull(octahedron):
-    data, scene, _ = octahedron
+def hull(slid):
+    data, scene, _ = slid
     return solve_estimate(data, scene, shape="polytope")
 
 
-def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
-    distance = surface_distance(octahedron[2], hull.mesh(), samples=500)
+def test_the_estimate_lies_about_the_true_octahedron(slid, hull):
+    distance = surface_distance(slid[2], hull.mesh(), samples=500)
     assert distance.a_to_b < 3e-3  # half of its faces were not touched yet
     assert hull.vertices.shape == (20, 3)
     volume = convex_hull(hull.vertices)
@@ -65,8 +54,8 @@ def test_the_estimate_lies_about_the_true_octahedron(octahedron, hull):
 
 
 @pytest.mark.slow
-def test_touched_faces_are_those_that_were_felt_on_a_tilted_ground(octahedron):
-    data, scene, _ = octahedron
+def test_touched_faces_are_those_that_were_felt_on_a_tilted_ground(slid):
+    data, scene, _ = slid
     R = Rotation.from_rotvec([0.3, -0.2, 0.0])
     tilted = replace(scene, ground=Ground(normal=tuple(R.apply([0, 0, 1]))))
     data = data.transformed(R.as_matrix(), np.zeros(3))
@@ -80,8 +69,8 @@ def test_touched_faces_are_those_that_were_felt_on_a_tilted_ground(octahedron):
     assert alike[planes.touches > 0].min() > 0.98
 
 
-def test_the_solve_goes_on_from_a_page_that_is_filled_anew(octahedron):
-    data, scene, _ = octahedron
+def test_the_solve_goes_on_from_a_page_that_is_filled_anew(slid):
+    data, scene, _ = slid
     page = polytope_violation_implicit
     assert [level.rebuild for level in page.LEVELS] == [False, True]
     job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
@@ -102,8 +91,8 @@ def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
     assert z[2] < 1e-4
 
 
-def test_a_hull_on_three_legs_is_read_with_these(octahedron):
-    data, scene, _ = octahedron
+def test_a_hull_on_three_legs_is_read_with_these(slid):
+    data, scene, _ = slid
     page = polytope_violation_implicit
     job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
     job = replace(job, deadline=NEVER)
@@ -119,8 +108,8 @@ def test_a_hull_on_three_legs_is_read_with_these(octahedron):
     assert np.isfinite(information.spread).all()
 
 
-def test_fingers_push_where_they_touch_and_nowhere_else(octahedron, hull):
-    data, scene, _ = octahedron
+def test_fingers_push_where_they_touch_and_nowhere_else(slid, hull):
+    data, scene, _ = slid
     weight = scene.mass * scene.gravity * data.dt
     total = hull.impulses["ground"].copy()
     for finger in range(data.fingers):
@@ -147,8 +136,8 @@ def test_touched_faces_are_better_known_than_others(hull):
     assert "faces touched" in hull.summary()
 
 
-def test_the_body_lies_behind_its_supporting_planes(octahedron, hull):
-    planes, truth = hull.supporting_planes(), octahedron[2].vertices
+def test_the_body_lies_behind_its_supporting_planes(slid, hull):
+    planes, truth = hull.supporting_planes(), slid[2].vertices
     here = hull.mesh().vertices
     assert (here @ planes.normal.T - planes.offset).max() < 1e-6
     assert (planes.sigma >= face_sigma(hull) - 1e-9).all()  # a corner and the middle
@@ -162,8 +151,8 @@ def shared_poses(estimate):
     return sum(int(s.dropped.split()[0]) for s in found), all(s.holds for s in found)
 
 
-def test_friction_holds_a_hull_that_nothing_touches(octahedron, monkeypatch):
-    data, scene, _ = octahedron
+def test_friction_holds_a_hull_that_nothing_touches(slid, monkeypatch):
+    data, scene, _ = slid
     given = data.select(range(2)), scene
     told = {"shape": "polytope", "formulation": "quasi_static", "throw": False}
     still, holds = shared_poses(solve_estimate(*given, **told))
@@ -182,9 +171,8 @@ def test_an_estimate_survives_the_disk(hull, tmp_path):
     assert back.summary() == hull.summary()
 
 
-def test_twenty_vertices_become_thirty_with_the_next_action(octahedron, hull):
-    data = Measurements.load(OCTAHEDRON).select(range(ACTIONS + 1))
-    _, scene, _ = octahedron
+def test_twenty_vertices_become_thirty_with_the_next_action(hull):
+    data, scene, _ = octahedron(ACTIONS + 1)
     more = solve_estimate(
         data, scene, shape=polytope(30), start=hull, formulation="quasi_static"
     )
@@ -225,8 +213,8 @@ def test_a_cuboid_seen_as_a_polytope_has_the_same_faces_where_it_was_touched(
     assert away.mean() < 1e-3
 
 
-def test_what_a_polytope_cannot_do_is_said_before_any_solve(octahedron, hull):
-    data, scene, _ = octahedron
+def test_what_a_polytope_cannot_do_is_said_before_any_solve(slid, hull):
+    data, scene, _ = slid
     up = np.tile([1.0, 0, 0, 0], (data.samples, data.fingers, 1))
     pointing = replace(data, finger_orientation=up)
     with pytest.raises(OptionError, match="formulation: no page"):

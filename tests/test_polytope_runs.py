@@ -5,21 +5,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import RECORDINGS
-from trimesh.convex import convex_hull
-from trimesh.transformations import quaternion_matrix, transform_points
+from programmes import OCTAHEDRON, octahedron
 
-from tactilenlp import Measurements, Scene, solve_estimate, surface_distance
+from tactilenlp import Measurements, solve_estimate, surface_distance
 from tactilenlp.data.contact_segments import contact_segments, without_outliers
 from tactilenlp.data.noise_model import Noise, add_noise
 from tactilenlp.errors import NoContactError
 
-OCTAHEDRON = RECORDINGS / "polytope.npz"
 NOISE = Noise(position=1e-3, normal=np.radians(5), flips=0.01)
 
 
 @pytest.fixture(scope="module")
-def octahedron():
+def slid():
     return Measurements.load(OCTAHEDRON)
 
 
@@ -41,21 +38,21 @@ def lone_silence(data):
     return t + 1, f
 
 
-def test_a_touch_that_stands_alone_says_nothing(octahedron):
-    free = ~octahedron.contact & octahedron.valid
-    contact, normal = octahedron.contact.copy(), octahedron.normal.copy()
+def test_a_touch_that_stands_alone_says_nothing(slid):
+    free = ~slid.contact & slid.valid
+    contact, normal = slid.contact.copy(), slid.normal.copy()
     t = int(np.argmax(free[:, 0]))  # the hand is still on its way: all silent
     contact[t, 0], normal[t, 0] = True, [0.0, 0.6, 0.8]
-    flipped = replace(octahedron, contact=contact, normal=normal)
+    flipped = replace(slid, contact=contact, normal=normal)
     assert not without_outliers(flipped, 0.0).valid[t, 0]
     assert without_outliers(flipped, 0.0).valid[t + 1, 0]
 
 
-def test_a_silence_amid_a_touch_says_nothing(octahedron):
-    t, f = lone_silence(octahedron)
-    contact, normal = octahedron.contact.copy(), octahedron.normal.copy()
+def test_a_silence_amid_a_touch_says_nothing(slid):
+    t, f = lone_silence(slid)
+    contact, normal = slid.contact.copy(), slid.normal.copy()
     contact[t, f], normal[t, f] = False, 0.0
-    found = without_outliers(replace(octahedron, contact=contact, normal=normal), 0.0)
+    found = without_outliers(replace(slid, contact=contact, normal=normal), 0.0)
     assert not found.valid[t, f]
     assert found.valid[t - 1, f]
     assert found.valid[t + 1, f]
@@ -75,10 +72,10 @@ def test_normals_that_turn_between_samples_are_refused_by_name(recorded):
     assert caught.value.next
 
 
-def test_lasting_touches_stay_what_they_are(octahedron):
-    found = without_outliers(octahedron, np.radians(5))
-    assert (found.contact == octahedron.contact).all()
-    felt = octahedron.contact & octahedron.valid
+def test_lasting_touches_stay_what_they_are(slid):
+    found = without_outliers(slid, np.radians(5))
+    assert (found.contact == slid.contact).all()
+    felt = slid.contact & slid.valid
     assert (found.valid & felt).sum() >= felt.sum() - 1
 
 
@@ -101,16 +98,10 @@ def test_a_finger_that_let_go_begins_a_run():
     assert contact_segments(touches([]), 0.0).tolist() == []
 
 
-def test_a_body_is_found_from_noisy_sensors(octahedron):
-    data = octahedron.select(range(6))
-    with np.load(OCTAHEDRON) as file:
-        pose = quaternion_matrix(file["object_quaternion"][data.samples - 1])
-        pose[:3, 3] = file["object_position"][data.samples - 1]
-        truth = convex_hull(transform_points(file["vertices"], pose))
-    found = solve_estimate(
-        add_noise(data, NOISE), Scene.load(OCTAHEDRON), shape="polytope",
-        formulation="quasi_static",
-    )  # fmt: skip
+def test_a_body_is_found_from_noisy_sensors():
+    data, scene, truth = octahedron(6)
+    given = {"shape": "polytope", "formulation": "quasi_static"}
+    found = solve_estimate(add_noise(data, NOISE), scene, **given)
     distance = surface_distance(truth, found.mesh(), samples=500)
     assert distance.a_to_b < 2.5e-3  # 1 mm in every position; two thirds of the touches
     assert distance.b_to_a < 4e-3  # what was not touched is a ball about the corners

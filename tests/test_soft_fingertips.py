@@ -32,13 +32,6 @@ G = 9.81  # [m/s^2]
 
 
 @pytest.fixture(scope="module")
-def touched(recorded):
-    """The first two actions of the shipped recording."""
-    data, scene, truth = recorded
-    return data.select(range(2)), scene, truth
-
-
-@pytest.fixture(scope="module")
 def foreign() -> Path:
     """The folder of recordings in plain MuJoCo; skips where it is absent."""
     if not FOREIGN.is_dir():
@@ -47,9 +40,9 @@ def foreign() -> Path:
 
 
 def test_derivatives_with_compliance_are_those_of_finite_differences(
-    touched, interpreted
+    two_actions, interpreted
 ):
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     problem, window = programme(violation_implicit, data, scene, SOFT)
     values = true_values(problem, window, truth, np.random.default_rng(3))
     report = problem.check(values | {NAME: 1.3e-3})
@@ -58,8 +51,8 @@ def test_derivatives_with_compliance_are_those_of_finite_differences(
     assert report.assembled < 1e-5
 
 
-def test_a_finger_sits_as_deep_as_compliance_times_impulse_over_weight(touched):
-    data, scene, truth = touched
+def test_a_finger_sits_as_deep_as_compliance_times_impulse_over_weight(two_actions):
+    data, scene, truth = two_actions
     problem, window = programme(violation_implicit, data, scene, SOFT)
     values = true_values(problem, window, truth, np.random.default_rng(3))
     values |= {NAME: 2e-3, "depth": 1e-5}
@@ -72,8 +65,8 @@ def test_a_finger_sits_as_deep_as_compliance_times_impulse_over_weight(touched):
     assert inside.max() > 1e-4  # impulses at random press some fingers in
 
 
-def test_no_compliance_costs_what_rigid_fingertips_cost(touched):
-    data, scene, truth = touched
+def test_no_compliance_costs_what_rigid_fingertips_cost(two_actions):
+    data, scene, truth = two_actions
     costs = []
     for choice in (SOFT, Reductions()):
         problem, window = programme(violation_implicit, data, scene, choice)
@@ -85,8 +78,8 @@ def test_no_compliance_costs_what_rigid_fingertips_cost(touched):
     assert costs[0] == pytest.approx(costs[1], rel=1e-12)
 
 
-def test_known_compliance_is_a_parameter_in_metres_per_newton(touched):
-    data, scene, _ = touched
+def test_known_compliance_is_a_parameter_in_metres_per_newton(two_actions):
+    data, scene, _ = two_actions
     known = replace(scene, compliance=3e-4)
     problem, _ = programme(violation_implicit, data, known)
     assert NAME not in problem.variables
@@ -150,8 +143,8 @@ def test_one_action_of_soft_fingertips_leaves_no_path_of_rigid_ones(foreign, box
     assert found.objective < known.objective + 1.0
 
 
-def test_compliance_is_held_at_its_guess_before_it_is_free(touched):
-    data, scene, _ = touched
+def test_compliance_is_held_at_its_guess_before_it_is_free(two_actions):
+    data, scene, _ = two_actions
     job = make_job(data, scene, CUBOID, Options(), 0.0, violation_implicit)
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
     *held, last = levels_of(soft)
@@ -183,17 +176,17 @@ def test_a_better_optimum_that_a_profile_meets_is_kept_with_its_impulses(foreign
     assert estimate.objective < 28.0
 
 
-def test_a_page_without_compliance_takes_fingertips_as_rigid(touched):
-    data, scene, _ = touched
+def test_a_page_without_compliance_takes_fingertips_as_rigid(two_actions):
+    data, scene, _ = two_actions
     lean = Options(hypotheses=1, starts=1, rivals=False)
     estimate = solve_estimate(data, scene, formulation="quasi_static", options=lean)
     assert estimate.compliance is None
 
 
 def test_derivatives_with_a_free_centre_of_mass_are_those_of_finite_differences(
-    touched, interpreted
+    two_actions, interpreted
 ):
-    data, scene, truth = touched
+    data, scene, truth = two_actions
     free = Reductions(central=False)
     problem, window = programme(violation_implicit, data, scene, free)
     values = true_values(problem, window, truth, np.random.default_rng(3))
@@ -204,8 +197,8 @@ def test_derivatives_with_a_free_centre_of_mass_are_those_of_finite_differences(
     assert report.assembled < 1e-5
 
 
-def test_a_known_centre_of_mass_is_no_unknown(touched):
-    data, scene, _ = touched
+def test_a_known_centre_of_mass_is_no_unknown(two_actions):
+    data, scene, _ = two_actions
     known = replace(scene, sigma_centre=0.0)
     problem, _ = programme(violation_implicit, data, known, Reductions(central=False))
     assert CENTRE not in problem.variables

@@ -7,17 +7,13 @@ import sys
 from dataclasses import replace
 from importlib import import_module
 
-import numpy as np
 import pytest
-from conftest import RECORDED, RECORDINGS
-from trimesh.convex import convex_hull
-from trimesh.transformations import quaternion_matrix, transform_points
+from conftest import RECORDED
+from programmes import octahedron
 
 from tactilenlp import (
     Estimate,
-    Measurements,
     Options,
-    Scene,
     solve_estimate,
     surface_distance,
 )
@@ -119,8 +115,7 @@ def test_rough_levels_of_a_multistart_are_better_than_least_motion(recorded, pre
 def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monkeypatch):
     from tactilenlp.search import polytope_init as polytopes
 
-    file = RECORDINGS / "polytope.npz"
-    data, scene = Measurements.load(file).select(range(3)), Scene.load(file)
+    data, scene, true = octahedron(3)
     pressed(polytopes, "extended_faces", 2)
     with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
         solve_estimate(data, scene, shape="polytope")
@@ -130,10 +125,6 @@ def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monke
     assert found.vertices.shape == (20, 3)
     monkeypatch.undo()
     whole = solve_estimate(data, scene, shape="polytope", start=found, throw=False)
-    with np.load(file) as truth:
-        pose = quaternion_matrix(truth["object_quaternion"][data.samples - 1])
-        pose[:3, 3] = truth["object_position"][data.samples - 1]
-        true = convex_hull(transform_points(truth["vertices"], pose))
     assert surface_distance(whole.mesh(), true).mean < 4e-3  # [m], few faces touched
 
 
