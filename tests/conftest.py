@@ -144,6 +144,14 @@ def estimate(recorded, once):
 
 
 @pytest.fixture(scope="session")
+def programme(estimate):
+    """The programme of the estimate, at its solution."""
+    from tactilenlp.estimation.programme import programme_at
+
+    return programme_at(estimate)
+
+
+@pytest.fixture(scope="session")
 def touched(recorded, once):
     """The estimate of two actions, after which some faces are still untouched."""
     from tactilenlp import solve_estimate

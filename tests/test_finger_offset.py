@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from programmes import programme
 
 from formulations import quasi_static, violation_implicit
 from formulations.shape import CUBOID
@@ -16,14 +17,11 @@ from tactilenlp import (
     observed_information,
     solve_estimate,
 )
-from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import OptionError, SceneError
 from tactilenlp.exploration.expected_information import ExpectedInformation
 from tactilenlp.exploration.push_model import push_function
 from tactilenlp.information.comparisons import information_gain
-from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.pages import shape_of
-from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.problem.reductions import Reductions
 
 SIGMA = 2e-3  # [m]
 OFF = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3  # [m]
@@ -37,13 +35,6 @@ pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
 
 def lean(data, scene, start=None):
     return solve_estimate(data, scene, options=LEAN, start=start, throw=False)
-
-
-def programme(data, scene, page=violation_implicit, **off):
-    problem, shape = Problem(), shape_of("cuboid")
-    window = reduce(data, scene, shape, precision_of(data), Reductions(**off))
-    page.build(problem, window, scene, shape)
-    return problem, window
 
 
 def moved(data, way):
@@ -73,7 +64,7 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
 ):
     data, scene, _ = recorded
     scene = replace(scene, sigma_offset=SIGMA)
-    problem, _ = programme(data.select([1]), scene, page, planar=planar)
+    problem, _ = programme(page, data.select([1]), scene, Reductions(planar=planar))
     rng = np.random.default_rng(0)
     start = {
         name: v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)
@@ -91,8 +82,8 @@ def test_derivatives_with_offsets_are_those_of_finite_differences(
 def test_an_offset_is_the_same_as_fingers_elsewhere(recorded, page):
     data, scene, _ = recorded
     data = data.select([0, 1])
-    known, _ = programme(moved(data, OFF), scene, page)
-    open_, _ = programme(data, replace(scene, sigma_offset=SIGMA), page)
+    known, _ = programme(page, moved(data, OFF), scene)
+    open_, _ = programme(page, data, replace(scene, sigma_offset=SIGMA))
     rng, size = np.random.default_rng(1), {}
     for name, v in known.variables.items():
         size[name] = v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)
@@ -108,7 +99,7 @@ def test_an_offset_is_the_same_as_fingers_elsewhere(recorded, page):
 
 def test_nothing_is_paid_where_fingers_are_where_they_say(recorded):
     data, scene, _ = recorded
-    problem, _ = programme(data.select([0, 1]), scene)
+    problem, _ = programme(violation_implicit, data.select([0, 1]), scene)
     assert "finger offset" not in problem.variables
     assert "finger offset prior" not in problem.terms
 

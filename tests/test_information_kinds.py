@@ -18,17 +18,11 @@ from tactilenlp import (
 )
 from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS
-from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 from tactilenlp.interface.result import solution_of
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences
-
-
-@pytest.fixture(scope="module")
-def programme(estimate):
-    return programme_at(estimate)
 
 
 @pytest.mark.parametrize("kind", INFORMATION_KINDS[:-1])

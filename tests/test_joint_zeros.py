@@ -4,19 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from programmes import programme
 from scipy.linalg import block_diag
 
 from formulations import quasi_static, violation_implicit
 from hardware.kinematics import INITIAL, finger, joints_about
 from tactilenlp import Estimate, JointZeros, Options, Scene, solve_estimate
 from tactilenlp.data.scene import Ground
-from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import SceneError
 from tactilenlp.exploration.action_space import Workspace
 from tactilenlp.exploration.expected_information import ExpectedInformation
-from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.pages import shape_of
-from tactilenlp.problem.reductions import Reductions, reduce
 
 DEGREE = np.deg2rad(1.0)
 FINGERS = [finger("edu_dair", 180), finger("edu_dair", 0)]
@@ -78,17 +75,11 @@ def test_axes_turn_the_tip_as_differences_say():
         assert FINGERS[0].turning(INITIAL)[:, joint] == pytest.approx(w, abs=1e-5)
 
 
-def programme(data, scene, page):
-    problem, shape = Problem(), shape_of("cuboid")
-    window = reduce(data, scene, shape, precision_of(data), Reductions())
-    page.build(problem, window, scene, shape)
-    return problem
-
-
 @pytest.mark.parametrize("page", [quasi_static, violation_implicit])
 def test_derivatives_are_those_of_finite_differences(recorded, joints, page):
     data, scene, _ = recorded
-    problem = programme(data.select([1]), replace(scene, sigma_offset=joints), page)
+    scene = replace(scene, sigma_offset=joints)
+    problem, _ = programme(page, data.select([1]), scene)
     rng = np.random.default_rng(0)
     start = {
         name: v.guess + 0.3 * v.scale[:, None] * rng.normal(size=v.guess.shape)
@@ -105,9 +96,9 @@ def test_derivatives_are_those_of_finite_differences(recorded, joints, page):
 def test_an_offset_is_the_same_as_fingers_elsewhere_and_turned(recorded, joints, page):
     data, scene, _ = recorded
     data, e = data.select([0, 1]), 1e-3 * np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, 0.4]])
-    known = programme(data, scene, page)
+    known, _ = programme(page, data, scene)
     turned = said(data, joints, e)
-    open_ = programme(turned, replace(scene, sigma_offset=joints), page)
+    open_, _ = programme(page, turned, replace(scene, sigma_offset=joints))
     size = {name: v.guess + 0 * v.scale[:, None] for name, v in known.variables.items()}
     for name in ("touch", "free"):
         there = known.value(name, known.pack(size), known.data())

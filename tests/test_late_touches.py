@@ -7,18 +7,12 @@ import pytest
 
 from tactilenlp import SolverOptions
 from tactilenlp.data.sensor_noise import LATENCY
-from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.consider_parameters import fingers_earlier
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
 
 LATE = 1e-4  # [s]
-
-
-@pytest.fixture(scope="module")
-def programme(estimate):
-    return programme_at(estimate)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import pytest
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Problem, assumption_sensitivity, observed_information
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.programme import programme_at
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.information.comparisons import gauss_newton
 from tactilenlp.information.error_budget import Linearisation, errors_by_name, summed
@@ -27,11 +26,6 @@ from tactilenlp.solvers.solve import solve
 
 UP = np.array([0.0, 0.0, 1.0])
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
-
-
-@pytest.fixture(scope="module")
-def programme(estimate):
-    return programme_at(estimate)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import pytest
 from formulations.rigid_body import FREE, PLANAR
 from formulations.shape import CUBOID
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
 from tactilenlp.information.trajectory import trajectory_variance
@@ -53,11 +52,6 @@ def test_the_first_poses_are_as_far_off_as_their_deviation_says(estimate, record
     assert off[0].max() > 1e-3  # an early push from above leaves no trace in touches
     assert (off < 4 * estimate.sigma_position[:, :2]).all()
     assert np.mean(off < estimate.sigma_position[:, :2]) > 0.68
-
-
-@pytest.fixture(scope="module")
-def programme(estimate):
-    return programme_at(estimate)
 
 
 def test_paths_of_other_optima_and_carried_errors_add_up(programme):
