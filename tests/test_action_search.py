@@ -68,7 +68,7 @@ def test_a_plateau_ends_in_some_action(search):
     choice = best_action(lambda a: 1, SPACE, search=search, budget=50, seed=0)
     assert choice.gain == 1.0
     assert isinstance(choice.gain, float)
-    assert choice.evaluations == 48 if search == "cem" else 50  # 3 x 16
+    assert choice.evaluations == (48 if search == "cem" else 50)  # 3 x 16
 
 
 @pytest.mark.parametrize("search", ["direct", "bobyqa", "mlsl"])
@@ -124,15 +124,13 @@ def test_a_start_beyond_the_bounds_by_rounding_is_moved_inside(search):
 
 def test_cross_entropy_takes_the_options_of_the_paper():
     search = CrossEntropy(samples=20, best=4, iterations=2)
-    choice = best_action(bump, SPACE, search=search, seed=0)
-    assert choice.evaluations == 40
-    last = np.sort(choice.history[20:])[::-1][:4]
-    assert choice.gain in last
-    drawn = {
-        best_action(bump, SPACE, search=search, seed=s).gain == max(last)
-        for s in range(8)
-    }
-    assert drawn == {True, False} or len(drawn) == 1
+    ranks = set()
+    for seed in range(8):
+        choice = best_action(bump, SPACE, search=search, seed=seed)
+        assert choice.evaluations == 40
+        ranks.add(int((choice.history[20:] > choice.gain).sum()))
+    assert len(ranks) > 1  # one of the best four is drawn, not the best
+    assert ranks <= {0, 1, 2, 3}
     with pytest.raises(OptionError, match="best <= samples"):
         CrossEntropy(samples=3, best=5)
     for name in ("samples", "best", "iterations"):

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from formulations.finger import SPHERE, capsule
 from tactilenlp import Measurements, Options, solve_estimate
+from tactilenlp.problem.fingertips import finger_of, finger_poses
 
 
 @pytest.fixture
@@ -16,6 +18,13 @@ def upright(recorded):
     wxyz = np.tile([1.0, 0.0, 0.0, 0.0], (*data.contact.shape, 1))
     data = Measurements(**data.arrays() | {"finger_orientation": wxyz})
     return data, replace(scene, finger_length=0.01)
+
+
+def test_fingertips_of_a_scene_are_as_long_as_it_says(upright):
+    data, scene = upright
+    assert finger_of(scene) is capsule(scene.finger_length / 2)
+    assert finger_of(replace(scene, finger_length=0.0)) is SPHERE
+    assert finger_poses(data, scene).shape[-1] == capsule(0.005).numbers
 
 
 @pytest.mark.slow

@@ -53,6 +53,24 @@ def test_classes_to_compare_are_given_one_after_the_other(short, monkeypatch):
     assert asked == [["cylinder", "prism of 6 sides"], "auto", "cuboid"]
 
 
+@pytest.mark.parametrize("sides", [["0.05", "0.035", "0.04"], []])
+def test_the_world_that_is_explored_has_the_sides_that_were_given(sides, monkeypatch):
+    worlds = []
+
+    def noted(world, *given, **options):
+        worlds.append(world)
+        raise OptionError("enough", where="a test", got="the world", next="stop")
+
+    monkeypatch.setattr("tactilenlp.explore", noted)
+    words = ["--sides", *sides] if sides else []
+    assert main(["explore", "new.npz", "--seed", "3", *words]) == 2
+    found = worlds[0].side_lengths
+    if sides:
+        assert found.tolist() == [float(side) for side in sides]
+    assert (found >= 0.03).all()
+    assert (found <= 0.06).all()
+
+
 @pytest.mark.parametrize("command", [[], ["estimate"], ["explore"], ["report"]])
 def test_help_is_there_for_every_command_and_lists_its_choices(command, capsys):
     with pytest.raises(SystemExit) as ended:

@@ -88,6 +88,14 @@ def test_a_motion_does_not_depend_on_the_axes_of_the_world():
     assert other == pytest.approx([*(R @ [*motion[:2], 0])[:2], motion[2]], abs=1e-12)
 
 
+def test_a_box_whose_sides_have_other_names_is_moved_alike():
+    way = at_side(0.0305, 0.01), at_side(0.0295, 0.012)
+    *_, motion, _ = moved(CUBOID, BOX, way)
+    renamed = BOX[[1, 0, 2, 3, 4, 5]] + np.r_[0, 0, 0, 0, 0, np.pi / 2]
+    *_, same, _ = moved(CUBOID, renamed, way)
+    assert same == pytest.approx(motion, abs=1e-12)
+
+
 @pytest.mark.parametrize("shape", [CUBOID, CYLINDER], ids=["cuboid", "cylinder"])
 @pytest.mark.parametrize("fingers", [1, 2])
 def test_slopes_of_the_motion_are_those_of_differences(shape, fingers):
