@@ -16,6 +16,8 @@ from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.geometry.convex_hull import filled
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solve import solve
 
 OCTAHEDRON = RECORDINGS / "polytope.npz"
 SENSORS = Precision(position=0.0, normal=0.0)
@@ -77,6 +79,20 @@ def slid_octahedron():
     yaw = (R * R[-1].inv()).as_rotvec()[:, 2]
     x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
     return data, scene, filled(vertices, 8), x
+
+
+def moved_by(programme, changed, step):
+    """Return how the optimum moves with a change, by differences, (chosen unknowns,).
+
+    changed: function of the size of the change, which returns a window.
+    """
+    ends, options = [], SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
+    for size in (step, -step):
+        problem = programme.sensed.build(changed(size))
+        found = solve(problem, options, start=programme.solution.values)
+        assert found.success
+        ends.append(problem.pack(found.values)[programme.tangent.chosen])
+    return (ends[0] - ends[1]) / (2 * step)
 
 
 def sums(problem, values):

@@ -171,9 +171,7 @@ def test_unknown_friction_becomes_an_unknown_with_a_prior(recorded):
 
 def test_data_without_contact_raise_a_typed_error(recorded):
     data, _, _ = recorded
-    nothing = replace(
-        data, contact=np.zeros_like(data.contact), normal=np.zeros_like(data.normal)
-    )
+    nothing = replace(data, contact=0 * data.contact, normal=0 * data.normal)
     with pytest.raises(NoContactError, match="nothing was touched"):
         solve_estimate(nothing)
 

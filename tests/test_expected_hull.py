@@ -5,6 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from believed import known
 from scipy.spatial.transform import Rotation
 
 from formulations import pushed_hull
@@ -47,15 +48,11 @@ def turned(estimate):
 
 def estimate_of(world, data, vertices=VERTICES) -> Estimate:
     """Return what stands for an estimate: the truth, and what was felt."""
-    estimate = object.__new__(Estimate)
-    truth = world.truth
-    vars(estimate).update(
-        shape="polytope", scene=Scene(), unknowns={},
-        precision={"position": 0.0, "normal": 0.0},
-        measurements=data, position=truth.object_position, theta=vertices.ravel(),
-        quaternion=truth.object_quaternion, body_vertices=vertices,
+    return known(
+        shape="polytope", scene=Scene(), precision={"position": 0.0, "normal": 0.0},
+        measurements=data, position=world.truth.object_position, theta=vertices.ravel(),
+        quaternion=world.truth.object_quaternion, body_vertices=vertices,
     )  # fmt: skip
-    return estimate
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +75,6 @@ def cube(touched):
 @pytest.fixture(scope="module")
 def expected(cube):
     return ExpectedInformation(cube, SPACE)
-
-
-def changed(estimate, **fields) -> Estimate:
-    other = object.__new__(Estimate)
-    vars(other).update(vars(estimate) | fields)
-    return other
 
 
 def actions(count, seed=0):
@@ -125,23 +116,25 @@ def test_no_action_is_expected_to_lose_information(cube, slopes):
 
 
 def test_two_actions_tell_as_much_in_either_order_and_in_any_unit(expected):
-    known = expected.beliefs[0].information
+    before = expected.beliefs[0].information
     a, b = (expected.prospect(action).information for action in actions(2))
-    both = information_gain(known, a + b)
+    both = information_gain(before, a + b)
     for one, then in ((a, b), (b, a)):
-        chain = information_gain(known, one) + information_gain(known + one, then)
+        chain = information_gain(before, one) + information_gain(before + one, then)
         assert both == pytest.approx(chain, abs=1e-6)
-    assert information_gain(1e-6 * known, 1e-6 * a) == pytest.approx(
-        information_gain(known, a), abs=1e-6
+    assert information_gain(1e-6 * before, 1e-6 * a) == pytest.approx(
+        information_gain(before, a), abs=1e-6
     )  # in millimetres
 
 
 def test_neither_the_order_of_vertices_nor_the_place_matters(cube):
     order = np.random.default_rng(0).permutation(20)
-    again = changed(cube, body_vertices=VERTICES[order], theta=VERTICES[order].ravel())
+    fields = {"body_vertices": VERTICES[order], "theta": VERTICES[order].ravel()}
+    again = known(**vars(cube) | fields)
     away, data = np.array([0.3, -0.2, 0.0]), cube.measurements
     moved = replace(data, finger_position=data.finger_position + away)
-    there = changed(cube, measurements=moved, position=cube.position + away)
+    fields = {"measurements": moved, "position": cube.position + away}
+    there = known(**vars(cube) | fields)
     for action in actions(4):
         gain = expected_information_gain(cube, action)
         for same in (again, there):

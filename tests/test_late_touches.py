@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from programmes import moved_by
 
-from tactilenlp import SolverOptions
 from tactilenlp.data.sensor_noise import LATENCY
 from tactilenlp.information.consider_parameters import fingers_earlier
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
-from tactilenlp.solvers.solve import solve
 
 LATE = 1e-4  # [s]
 
@@ -24,19 +23,13 @@ def doubt(programme):
 
 def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
     kkt, late = doubt
-    chosen = programme.tangent.chosen
-    pulls, _ = kkt.sensitivity(chosen)
+    pulls, _ = kkt.sensitivity(programme.tangent.chosen)
     told = -pulls.T @ late.slope
-    job, ends = programme.job, []
-    for lag in (LATE, -LATE):
-        window = fingers_earlier(programme.window, job.data, lag)
-        problem = job.build(window)
-        start = programme.solution.values
-        options = SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
-        found = solve(problem, options, start=start)
-        assert found.success
-        ends.append(problem.pack(found.values)[chosen])
-    moved = (ends[0] - ends[1]) / (2 * LATE)
+
+    def lagging(lag):
+        return fingers_earlier(programme.window, programme.job.data, lag)
+
+    moved = moved_by(programme, lagging, LATE)
     assert told == pytest.approx(moved, abs=0.05 * np.abs(moved).max())
 
 

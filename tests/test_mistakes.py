@@ -1,6 +1,7 @@
 """A recording with a common mistake is refused before it is solved, and named."""
 
 import pickle
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -36,10 +37,6 @@ def data():
     return Measurements.load(RECORDED)
 
 
-def changed(data, **arrays):
-    return Measurements(**data.arrays() | arrays)
-
-
 def later(array, f, shift):
     """Return an array whose column f is so many samples later in the whole record."""
     moved = array.copy()
@@ -50,32 +47,32 @@ def later(array, f, shift):
 def inverted(data):
     """Return measurements with contact inverted, all normals up."""
     contact = ~data.contact & data.valid
-    return changed(
+    return replace(
         data, contact=contact, normal=np.where(contact[..., None], [0, 0, 1.0], 0)
     )
 
 
 MISTAKES = {  # measurements -> measurements, and what the message says
-    "point into the object": lambda d: changed(d, normal=-d.normal),
-    "normals (y, x, z)": lambda d: changed(d, normal=d.normal[..., [1, 0, 2]]),
-    "normals (-x, y, z)": lambda d: changed(d, normal=d.normal * [-1, 1, 1]),
-    "normals (z, x, y)": lambda d: changed(d, normal=d.normal[..., [1, 2, 0]]),
-    "positions (y, x, z)": lambda d: changed(
+    "point into the object": lambda d: replace(d, normal=-d.normal),
+    "normals (y, x, z)": lambda d: replace(d, normal=d.normal[..., [1, 0, 2]]),
+    "normals (-x, y, z)": lambda d: replace(d, normal=d.normal * [-1, 1, 1]),
+    "normals (z, x, y)": lambda d: replace(d, normal=d.normal[..., [1, 2, 0]]),
+    "positions (y, x, z)": lambda d: replace(
         d, finger_position=d.finger_position[..., [1, 0, 2]]
     ),
-    "give positions (x, y, -z)": lambda d: changed(
+    "give positions (x, y, -z)": lambda d: replace(
         d, finger_position=d.finger_position * [1, 1, -1]
     ),
-    "multiply it by 0.1": lambda d: changed(d, finger_radius=10 * d.finger_radius),
-    "multiply it by 100": lambda d: changed(d, finger_radius=d.finger_radius / 100),
-    "fingers 0 and 1 are swapped": lambda d: changed(
+    "multiply it by 0.1": lambda d: replace(d, finger_radius=10 * d.finger_radius),
+    "multiply it by 100": lambda d: replace(d, finger_radius=d.finger_radius / 100),
+    "fingers 0 and 1 are swapped": lambda d: replace(
         d, finger_position=d.finger_position[:, ::-1]
     ),
     "contact is inverted": inverted,
-    "finger 0 feels is 5 samples too late": lambda d: changed(
+    "finger 0 feels is 5 samples too late": lambda d: replace(
         d, contact=later(d.contact, 0, 5), normal=later(d.normal, 0, 5)
     ),
-    "finger 1 jumps": lambda d: changed(
+    "finger 1 jumps": lambda d: replace(
         d, **{k: later(getattr(d, k), 1, 5) for k in ("contact", "normal")},
         finger_position=later(d.finger_position, 1, 5),
     ),
@@ -104,7 +101,7 @@ def test_a_correct_recording_is_not_refused_clean_or_noisy(data, scenes):
 def test_swapped_fingers_are_found_in_what_they_feel(data):
     touch = {"contact": data.contact[:, ::-1], "normal": data.normal[:, ::-1]}
     with pytest.raises(MistakeError, match="fingers 0 and 1 are swapped"):
-        check_mistakes(changed(data, **touch), Scene())
+        check_mistakes(replace(data, **touch), Scene())
 
 
 def test_an_inexact_clock_is_no_jump(data):
@@ -112,7 +109,7 @@ def test_an_inexact_clock_is_no_jump(data):
     rng = np.random.default_rng(0)
     interval = float(np.median(np.diff(data.time)))
     off = rng.uniform(-0.45, 0.45, data.samples) * interval
-    seen = changed(data, time=data.time + off)
+    seen = replace(data, time=data.time + off)
     assert not jumps_of(record_of(seen, Scene())).any()
     check_mistakes(seen, Scene())
 
@@ -120,7 +117,7 @@ def test_an_inexact_clock_is_no_jump(data):
 def test_what_is_mirrored_as_a_whole_is_not_told(data):
     # Mirrored positions and normals are those of a mirrored world.
     flip = [-1.0, 1, 1]
-    both = changed(
+    both = replace(
         data, finger_position=data.finger_position * flip, normal=data.normal * flip
     )
     given, mirrored = (most_likely(record_of(d, Scene())) for d in (data, both))
@@ -149,7 +146,7 @@ def test_whoever_knows_better_switches_the_check_off(data):
 
 def test_normals_where_nothing_touches_say_that_contact_is_inverted(data):
     with pytest.raises(MeasurementError, match="give ~contact"):
-        changed(data, contact=~data.contact)
+        replace(data, contact=~data.contact)
 
 
 def test_the_work_is_bounded(data, monkeypatch):
@@ -166,7 +163,7 @@ def test_the_work_is_bounded(data, monkeypatch):
     monkeypatch.setattr(mistakes, "MOST_SAMPLES", 300)
     long = data
     while long.samples <= 2 * mistakes.MOST_SAMPLES:
-        again = changed(data, time=data.time + long.time[-1] + 1.0)
+        again = replace(data, time=data.time + long.time[-1] + 1.0)
         long = long.append(again)
     check_mistakes(long, Scene())
     assert len(work) <= 1 + 2 * 47 + 6 + 2 + 2 * 18 + 1 + 2
@@ -193,7 +190,7 @@ def test_three_fingers_in_another_order_are_named():
         ("coordinates are swapped", p.transpose(0, 2, 1)),
     ):
         with pytest.raises(MistakeError, match=words):
-            check_mistakes(changed(data, finger_position=wrong), Scene())
+            check_mistakes(replace(data, finger_position=wrong), Scene())
 
 
 def poked(pokes: int, rest: int, press: float = 8e-3):
@@ -245,7 +242,7 @@ def touched_later(data, f, shift):
     for name in ("contact", "normal", "valid"):
         moved[name] = getattr(data, name).copy()
         moved[name][:, f] = moved[name][source, f]
-    return changed(data, **moved)
+    return replace(data, **moved)
 
 
 def test_a_mistake_that_is_not_sure_enough_to_refuse_is_suspected(scenes):

@@ -16,7 +16,7 @@ from tactilenlp.search import multistart as starts
 from tactilenlp.search.hypothesis import Hypothesis, distinct, same
 from tactilenlp.search.local_solve import continued, solved_from
 from tactilenlp.search.multistart import freed_levels, multistart
-from tactilenlp.search.solved import Solves
+from tactilenlp.search.solved import Solved, Solves, best_first
 
 LEVELS = freed_levels(page.LEVELS)
 
@@ -84,6 +84,19 @@ def test_levels_that_hold_poses_are_solved_one_by_one(case):
     kept = Solves()
     solved = multistart(job, [h, h], page.LEVELS, solves=kept)
     assert len(solved) == len(kept.ended) == 2
+
+
+def test_the_price_of_a_latency_counts_where_solves_are_ranked():
+    """A job of late sensors pays the prior of its latency [nats]."""
+
+    def solved(objective, price):
+        solution = SimpleNamespace(success=True, objective=objective)
+        job = SimpleNamespace(prior_cost=price)
+        return Solved(SimpleNamespace(path=()), None, solution, job)
+
+    late, prompt = solved(1.0, 0.5), solved(1.2, 0.0)
+    assert late.cost == 1.5
+    assert best_first([late, prompt]) == [prompt, late]
 
 
 def test_provisional_solves_count_as_long_as_there_is_no_other():

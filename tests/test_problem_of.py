@@ -1,10 +1,11 @@
 """From measurements and a page to the programme, in one call."""
 
-import numpy as np
+from dataclasses import replace
+
 import pytest
 
 from formulations import quasi_static
-from tactilenlp import Measurements, problem_of
+from tactilenlp import problem_of
 from tactilenlp.errors import NoContactError, OptionError
 
 
@@ -51,10 +52,6 @@ def test_a_hull_needs_an_estimate_to_be_built_at(recorded):
 
 def test_what_cannot_be_solved_is_refused_alike(recorded):
     data, scene, _ = recorded
-    free = np.zeros_like(data.contact)
+    free = replace(data, contact=0 * data.contact, normal=0 * data.normal)
     with pytest.raises(NoContactError):
-        problem_of(Measurements(
-            time=data.time, finger_position=data.finger_position,
-            finger_radius=data.finger_radius, contact=free,
-            normal=np.zeros_like(data.normal), action=data.action,
-        ), scene)  # fmt: skip
+        problem_of(free, scene)

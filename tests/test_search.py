@@ -65,12 +65,8 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
     data, scene, _ = recorded
     past, more = data.select(range(3)), data.select([3])
     away = more.finger_position + np.array([0, 0, 0.1])
-    free = replace(
-        more,
-        finger_position=away,
-        contact=np.zeros_like(more.contact),
-        normal=np.zeros_like(more.normal),
-    )
+    none = {"contact": 0 * more.contact, "normal": 0 * more.normal}
+    free = replace(more, finger_position=away, **none)
     longer = solve_estimate(past.append(free), scene, start=estimate)
     # Nothing was felt: the same optimum, a lower one of a size that is open, or the
     # more probable of two that are almost as low.

@@ -4,45 +4,39 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from programmes import moved_by
 
 from formulations.names import LATE_TOUCHES, RADIUS_OF
 from tactilenlp import (
     Measurements,
     Scene,
-    SolverOptions,
     example_recording,
     solve_estimate,
 )
-from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.consider_parameters import Considered
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.output.summary import doubts_in_words
-from tactilenlp.solvers.solve import solve
 
 STEP = 1e-5  # [m]
 WRONG = 0.3e-3  # [m]
 
 
-def test_the_error_by_a_radius_is_how_the_optimum_moves_with_it(estimate):
-    programme = programme_at(estimate)
+def test_the_error_by_a_radius_is_how_the_optimum_moves_with_it(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
     at = Linearisation(kkt, programme.job, programme.window)
     doubt, chosen = at.doubts[f"{RADIUS_OF}1"], programme.tangent.chosen
     told = -kkt.sensitivity(chosen)[0].T @ doubt.slope
-    window, ends = programme.window, []
-    for step in (STEP, -STEP):
+
+    def thicker(step):
         parts = {
             name: replace(rows, radius=rows.radius + step * (rows.finger == 1))
             for name in ("touch", "free")
-            for rows in [getattr(window, name)]
+            for rows in [getattr(programme.window, name)]
         }
-        problem = programme.job.build(replace(window, **parts))
-        options = SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
-        found = solve(problem, options, start=programme.solution.values)
-        assert found.success
-        ends.append(problem.pack(found.values)[chosen])
-    moved = (ends[0] - ends[1]) / (2 * STEP)
+        return replace(programme.window, **parts)
+
+    moved = moved_by(programme, thicker, STEP)
     assert told == pytest.approx(moved, abs=0.05 * np.abs(moved).max())
 
 

@@ -1,5 +1,7 @@
 """Millimetres, degrees, grams, wrong shapes: refused where they come in, with a fix."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -9,11 +11,6 @@ from tactilenlp.errors import FileError, TactileError
 
 BOX = (0.05, 0.04, 0.03)
 LEVEL = np.eye(4)[[0] * 9]
-
-
-def changed(data, **changes):
-    """Return the same measurements with some arrays replaced."""
-    return t.Measurements(**data.arrays() | changes)
 
 
 def tossed(**changes):
@@ -27,17 +24,17 @@ def explored(**changes):
 
 WRONG = {  # call of estimate and data -> what the message must say
     "divide by 1000": [
-        lambda e, d: changed(d, finger_position=1e3 * d.finger_position),
-        lambda e, d: changed(d, finger_radius=1e3 * d.finger_radius),
-        lambda e, d: changed(d, time=1e3 * d.time),
+        lambda e, d: replace(d, finger_position=1e3 * d.finger_position),
+        lambda e, d: replace(d, finger_radius=1e3 * d.finger_radius),
+        lambda e, d: replace(d, time=1e3 * d.time),
         lambda e, d: t.World((50.0, 40.0, 30.0)),
         lambda e, d: t.Workspace(radius=100.0),
         lambda e, d: t.solve_estimate(d, start=t.Guess((50, 40, 30), (0, 0))),
     ],
     "transpose": [
-        lambda e, d: changed(d, finger_position=d.finger_position.transpose(1, 0, 2)),
+        lambda e, d: replace(d, finger_position=d.finger_position.transpose(1, 0, 2)),
     ],
-    "normalise": [lambda e, d: changed(d, normal=2 * d.normal)],
+    "normalise": [lambda e, d: replace(d, normal=2 * d.normal)],
     "kg, got 500": [lambda e, d: t.Scene(mass=500)],
     "[rad]": [
         lambda e, d: t.Workspace(bound=72.0),
