@@ -47,8 +47,8 @@ def replace_packets(setup, status=0, moving=True):
 
 def test_samples_of_before_the_start_do_not_enter_the_zero():
     with Setup() as setup:
-        press(setup, setup.robot.now() + 1.5)
-        setup.robot.sleep(3.0)
+        press(setup, setup.robot.now() + 0.5)
+        setup.robot.sleep(1.0)
         setup.world.start()
         setup.robot.sleep(0.1)
         setup.bench.poll()
@@ -62,7 +62,7 @@ def test_a_second_start_finds_the_zero_again():
         press(setup, setup.robot.now() + 1.5)
         setup.world.start()  # with the hand on it
         setup.world.stop()
-        setup.robot.sleep(3.0)
+        setup.robot.sleep(2.0)
         setup.world.start()
         setup.robot.sleep(0.1)
         setup.bench.poll()
