@@ -88,7 +88,7 @@ def moved_by(programme, changed, step):
     """
     ends, options = [], SolverOptions(tolerance=1e-9, ipopt={"mu_init": 1e-9})
     for size in (step, -step):
-        problem = programme.sensed.build(changed(size))
+        problem = programme.job.build(changed(size))
         found = solve(problem, options, start=programme.solution.values)
         assert found.success
         ends.append(problem.pack(found.values)[programme.tangent.chosen])
