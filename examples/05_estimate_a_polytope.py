@@ -1,4 +1,4 @@
-"""Estimate a body of unknown class as the convex hull of twenty vertices.
+"""Estimate a body of unknown class as the convex hull of vertices.
 
     python examples/05_estimate_a_polytope.py [recording.npz [picture.png]]
 

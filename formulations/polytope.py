@@ -25,6 +25,7 @@ from .pushed_hull import as_pushed, legs_squared
 from .shape import Shape
 
 LEGS = 4  # vertices at most that carry the body
+COUNTS = (4, 6, 8, 10, 12, 16, 20)  # numbers of vertices that are compared
 
 
 def _matrix(theta):
@@ -94,8 +95,13 @@ def inertia_about(centroid, second):
 
 
 @cache
-def polytope(vertices: int = 20) -> Shape:
-    """Return the class of hulls of so many vertices, theta = vertices one by one."""
+def polytope(vertices: int | None = None) -> Shape:
+    """Return the class of hulls of so many vertices, theta = vertices one by one.
+
+    None: as many of COUNTS as have the largest evidence.
+    """
+    counts = () if vertices else COUNTS
+    vertices = vertices or COUNTS[-1]
     return Shape(
         name="polytope",
         theta=3 * vertices,
@@ -116,6 +122,7 @@ def polytope(vertices: int = 20) -> Shape:
         hypotheses=1,
         own_pages=("quasi_static", "violation_implicit"),
         symbol=ca.MX.sym,
+        counts=counts,
         foot_squared=legs_squared,
         pushed=as_pushed,
         mesh=vertices_of,

@@ -85,6 +85,8 @@ class Shape:
     pose is not estimated (vertices leave no other frame).
     window_depends_on_start: whether a page's contacts follow from where theta starts,
     so that each start needs a window of its own.
+    counts: numbers of vertices, of which the evidence chooses one; empty: as many as
+    theta lists.
     hypotheses: how many hypotheses are carried to the next action; None: as many as the
     options say.
     own_pages: the formulations that have a page of this class alone, which is
@@ -115,6 +117,7 @@ class Shape:
     parameters: str = "sizes"
     last_pose_held: bool = False
     window_depends_on_start: bool = False
+    counts: tuple[int, ...] = ()
     hypotheses: int | None = None
     own_pages: tuple[str, ...] = ()
     symbol: Callable = ca.SX.sym

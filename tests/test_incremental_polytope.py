@@ -30,13 +30,13 @@ def octahedron():
 @pytest.fixture(scope="module")
 def early(octahedron):
     data, scene = octahedron
-    return solve_estimate(data.select(range(3)), scene, shape="polytope")
+    return solve_estimate(data.select(range(3)), scene, shape=polytope(20))
 
 
 def job_of(octahedron, actions):
     data, scene = octahedron
     options = Options()
-    job = make_job(data.select(range(actions)), scene, polytope(), options, 0.0, PAGE)
+    job = make_job(data.select(range(actions)), scene, polytope(20), options, 0.0, PAGE)
     return replace(job, deadline=NEVER)
 
 
@@ -48,11 +48,11 @@ def rejected_an_update(caplog):
 def test_an_action_more_ends_no_worse_than_all_from_scratch(octahedron, early, caplog):
     data, scene = octahedron[0].select(range(4)), octahedron[1]
     caplog.set_level(logging.INFO, "tactilenlp")
-    later = solve_estimate(data, scene, shape="polytope", start=early)
+    later = solve_estimate(data, scene, shape=polytope(20), start=early)
     assert not rejected_an_update(caplog)
     assert later.position.shape == (data.samples, 3)
     assert later.quaternion[-1] == pytest.approx([1, 0, 0, 0], abs=1e-9)
-    whole = solve_estimate(data, scene, shape="polytope")
+    whole = solve_estimate(data, scene, shape=polytope(20))
     assert later.objective < whole.objective + 1.0  # [nats]
     assert later.seconds["search"] == 0 < whole.seconds["search"]
 
@@ -63,7 +63,7 @@ def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, ca
     wrong = early.unknowns["theta"] * [[0.5], [0.5], [1.0]]  # far inside every touch
     doubtful = replace(early, unknowns=early.unknowns | {"theta": wrong})
     caplog.set_level(logging.INFO, "tactilenlp")
-    solve_estimate(data, scene, shape="polytope", start=doubtful, throw=False)
+    solve_estimate(data, scene, shape=polytope(20), start=doubtful, throw=False)
     assert rejected_an_update(caplog)
 
 
@@ -159,7 +159,7 @@ def test_other_legs_carry_the_same_force_and_moment():
     ("gain", "kept"), [(DECISIVE - 1, CLOSED), (DECISIVE + 1, None)]
 )
 def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
-    job = SimpleNamespace(prior_cost=0.0)
+    job = SimpleNamespace(prior_cost=0.0, shape=polytope(20))
 
     def solved(objective, *path):
         hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))

@@ -10,7 +10,7 @@ from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
 from formulations import polytope_violation_implicit
-from formulations.polytope import polytope
+from formulations.polytope import COUNTS, polytope
 from tactilenlp import (
     Estimate,
     Ground,
@@ -47,7 +47,7 @@ def hull(slid):
 def test_the_estimate_lies_about_the_true_octahedron(slid, hull):
     distance = surface_distance(slid[2], hull.mesh(), samples=500)
     assert distance.a_to_b < 3e-3  # half of its faces were not touched yet
-    assert hull.vertices.shape == (20, 3)
+    assert len(hull.vertices) in COUNTS  # as many as the evidence asks for
     volume = convex_hull(hull.vertices)
     assert volume.center_mass == pytest.approx(np.zeros(3), abs=1e-6)
     assert hull.position[-1] == pytest.approx(hull.mesh().center_mass, abs=1e-6)
@@ -73,7 +73,7 @@ def test_the_solve_goes_on_from_a_page_that_is_filled_anew(slid):
     data, scene, _ = slid
     page = polytope_violation_implicit
     assert [level.rebuild for level in page.LEVELS] == [False, True]
-    job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
+    job = make_job(data.select([0]), scene, polytope(20), Options(), 0.0, page)
     job = replace(job, deadline=NEVER)
     (h,) = search_polytope(replace(job, reductions=Reductions()), [])
     solved = solved_from(job, h)
@@ -94,7 +94,7 @@ def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
 def test_a_hull_on_three_legs_is_read_with_these(slid):
     data, scene, _ = slid
     page = polytope_violation_implicit
-    job = make_job(data.select([0]), scene, polytope(), Options(), 0.0, page)
+    job = make_job(data.select([0]), scene, polytope(20), Options(), 0.0, page)
     job = replace(job, deadline=NEVER)
     (found,) = search_polytope(replace(job, reductions=Reductions()), [])
     vertices = found.theta.reshape(-1, 3)
@@ -131,7 +131,7 @@ def test_touched_faces_are_better_known_than_others(hull):
     sigma, touched = face_sigma(hull), hull.faces > 0
     assert touched.any()
     assert np.median(sigma[touched]) < np.median(sigma[~touched])
-    assert vertex_information(hull).shape == (20,)
+    assert vertex_information(hull).shape == (len(hull.vertices),)
     assert np.isfinite(vertex_information(hull)).all()
     assert "faces touched" in hull.summary()
 

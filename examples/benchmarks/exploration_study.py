@@ -6,7 +6,7 @@
         [--executor processes|dask|mpi|none] [--address tcp://scheduler:8786]
 
 The objects are cuboids of 3 to 6 cm, or Platonic solids of 2 cm bounding radius that
-are estimated with 20 vertices, at random poses within 2 cm of the centre
+are estimated as polytopes, at random poses within 2 cm of the centre
 (exploration_objects.py).  One finger touches first, centred on the truth; then two
 fingers act five times, or eight times on a solid.  A trial has the same object, pose
 and first touch under every policy, so that policies are compared in pairs.  Every trial

@@ -51,7 +51,7 @@ def solve_estimate(
 
     data: Measurements, in whose frame the estimate is.  scene: what is known; Scene()
     has mass and frictions of the recorded scenes, on level ground: give your own.
-    shape: "cuboid", "polytope" (20 vertices), formulations.polytope.polytope(30), a
+    shape: "cuboid", "polytope" (4 to 20 vertices, by evidence), polytope(30), a
     Shape, or a list of them, or "auto": the class of the largest evidence is returned,
     with the odds of all in estimate.classes.  formulation: "quasi_static",
     "violation_implicit", "multiple_shooting", "shooting", "complementarity", "paper" or

@@ -138,30 +138,30 @@ def log_evidence(objective: float, covariance, prior) -> float:
     covariance (k, k) of shape and final pose, by the Hessian; prior (k, k): their
     information before any touch, positive definite.
     """
-    return -occam_factor(covariance, prior) - objective
+    return -occam_factor(covariance, prior)[0] - objective
 
 
-def occam_factor(covariance, prior) -> float:
-    """Return what the evidence loses by unknowns: log prior / posterior volume [nats].
+def occam_factor(covariance, prior) -> tuple[float, float]:
+    """Return log prior / posterior volume [nats], and how many directions are told.
 
     covariance (k, k) of the posterior, prior (k, k): the information before the data.
+    The latter: sum of 1 - posterior / prior variance (MacKay's well-determined ones).
     """
     L = np.linalg.cholesky(prior)
     shares = np.linalg.eigvalsh(L.T @ ((covariance + covariance.T) / 2) @ L)
     shares = np.clip(np.abs(shares), np.finfo(float).tiny, 1.0)
-    return float(-np.log(shares).sum() / 2)
+    return float(-np.log(shares).sum() / 2), float((1 - shares).sum())
 
 
 def occam_of(kkt: KKTSystem, name: str) -> float:
     """Return what the evidence loses by one unknown of a page, by its name [nats].
 
-    Its information before the data is that of the page's priors; its covariance is
-    marginal: shape, poses and impulses are as open as they are.
+    Its information before the data is that of the page's priors.
     """
     problem, own = kkt.problem, kkt.problem.variables[name].span
     priors = (k.name for k in problem.costs.values() if k.role == "prior")
     prior = kkt.hessian(priors)[own][:, own].toarray()
-    return occam_factor(kkt.marginal(name), prior)
+    return occam_factor(kkt.marginal(name), prior)[0]
 
 
 def one_mode(objective: float, covariance) -> Modes:

@@ -7,13 +7,16 @@ uncertainty: they are those of the last sample, in the frame of the world.
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import gammaln
 
 from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
+from ..nlp.kkt import KKTSystem
 from .error_budget import Linearisation, errors_by_name, summed
+from .error_budget_terms import REACHED
 from .information import Information, at_solution
-from .mixture import one_mode
+from .mixture import occam_factor, one_mode
 from .tangent_space import TangentSpace
 from .trajectory import trajectory_variance
 
@@ -49,6 +52,33 @@ def polytope_information(at: Linearisation, solution, faces) -> Information:
         budget=errors | {"active bounds": floor}, directions=np.zeros((len(C), 0)),
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
     )  # fmt: skip
+
+
+def occam_of_vertices(kkt: KKTSystem) -> float:
+    r"""Return what the evidence of a hull loses by its V vertices [nats].
+
+        log(prior volume / posterior volume) - log(V! / (V - k)!)
+
+    k: how many vertices the data tell.  Before the data they are as open as the page's
+    priors and its regulariser `stay` leave them, about the ball where it ended.
+    """
+    problem, own = kkt.problem, kkt.problem.variables["theta"].span
+    roles = "prior", "regulariser"
+    held = [name for name, cost in problem.costs.items() if cost.role in roles]
+    values, vectors = np.linalg.eigh(kkt.hessian(held)[own][:, own].toarray())
+    prior = (vectors * np.maximum(values, 1 / REACHED**2)) @ vectors.T
+    lost, directions = occam_factor(kkt.marginal("theta"), prior)
+    return lost - labellings(len(values), directions)
+
+
+def labellings(coordinates: int, directions: float) -> float:
+    """Return log(V! / (V - k)!) of V vertices with so many coordinates, k of them told.
+
+    Each order in which they can be listed is an optimum of its own as far as the data
+    tell them apart.  directions: that the data tell, three a vertex.
+    """
+    V, k = coordinates / 3, directions / 3
+    return float(gammaln(V + 1) - gammaln(V - k + 1))
 
 
 def tangent_space_of_hull(problem, solution, R_wg) -> TangentSpace:

@@ -190,7 +190,9 @@ def vertices_near(samples, vertices, x) -> np.ndarray:
     below = -np.einsum("svk,sk->sv", to, n)
     far = np.linalg.norm(to, axis=2) + DEPTH_WEIGHT * below
     np.put_along_axis(far, on, -1.0, axis=1)
-    return np.sort(np.argsort(far, axis=1, kind="stable")[:, :VERTICES_READ], axis=1)
+    near = np.sort(np.argsort(far, axis=1, kind="stable")[:, :VERTICES_READ], axis=1)
+    # A doubled vertex changes nothing, and functions of a term are those of any hull.
+    return np.pad(near, ((0, 0), (0, VERTICES_READ - near.shape[1])), mode="edge")
 
 
 def supporting_vertices(vertices, count: int) -> np.ndarray:
@@ -238,9 +240,10 @@ def hull_moments(vertices, triangles) -> np.ndarray:
 
 
 def with_supports(shape, vertices):
-    """Return the shape whose corners are the vertices that carry the body."""
+    """Return the shape of so many vertices, whose corners are those that carry it."""
     carry = supporting_vertices(vertices, len(shape.corners))
-    return replace(shape, corners=tuple((int(j), 0, 0) for j in carry))
+    corners = tuple((int(j), 0, 0) for j in carry)
+    return replace(shape, theta=vertices.size, counts=(), corners=corners)
 
 
 def window_of(job, guess=None, resting=None):

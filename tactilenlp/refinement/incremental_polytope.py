@@ -29,7 +29,7 @@ from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import continued, warm_started
 from ..search.plane_slam import poses_of_new_action
-from ..search.polytope_init import credible_data, faces_of
+from ..search.polytope_init import credible_data, faces_of, has_likely_count
 from ..search.solved import (
     ACCEPTABLE,
     BuiltPage,
@@ -56,9 +56,10 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is accepted: every touch is explained, nothing jumps, the objective
-    rises by no more than an action usually adds, and no certificate, by
-    certified(solved), is broken that held before. Otherwise all actions are to be
-    solved again, and the better result kept. None where `start` is no such estimate.
+    rises by no more than an action usually adds, no certificate, by certified(solved),
+    is broken that held before, and evidence asks for as many vertices as before.
+    Otherwise all actions are to be solved again, and the better result kept. None where
+    `start` is no such estimate.
     """
     if not is_one_action_more(start, job):
         return None, False
@@ -76,8 +77,12 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     if good(solved):
         solved = certified(solved)
         before = {s.name for s in start.skipped if not s.holds}
-        if {*solved.certificates.broken} <= before:
+        holds = {*solved.certificates.broken} <= before
+        if holds and has_likely_count(job, solved.at):
             return solved, True
+        if holds:
+            log.info("other numbers of vertices are likelier: solving all actions")
+            return solved, False
     more = solved.solution.objective - start.objective
     words = "incremental update rejected (%+.0f nats): solving all actions again"
     log.info(words, more)
@@ -109,7 +114,8 @@ def is_one_action_more(start, job: Job) -> bool:
     whole = start.measurements.samples == np.count_nonzero(
         job.data.action != job.data.action[-1]
     )
-    alike = start.shape == job.shape.name and start.theta.size == job.shape.theta
+    vertices = job.shape.counts or [job.shape.theta // 3]
+    alike = start.shape == job.shape.name and start.theta.size // 3 in vertices
     alike = alike and {**start.reductions} == asdict(job.reductions)
     finite = start.information is not None and np.isfinite(start.information.matrix)
     return whole and alike and bool(np.all(finite))

@@ -24,8 +24,10 @@ from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
     log_evidence,
+    occam_factor,
     odds_of,
 )
+from ..information.polytope_information import labellings
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
@@ -150,20 +152,23 @@ def evidence_of(estimate, shape) -> float:
     """Return the log evidence of an estimate; -inf where its solve failed.
 
     The prior: the deviations of the sizes, a position within REACHED, any rotation.  As
-    many optima are alike as there are relabellings of the body's axes.
+    many optima are alike as there are relabellings of the body's axes.  Of vertices:
+    what the page's priors and regularisers hold, and their orders (`labellings`).
     """
     if not estimate.success:
         return -np.inf
-    information = estimate.information
-    k, alike = len(information.names), 1
+    information, k = estimate.information, len(estimate.information.names)
+    covariance = information.of_hessian().spread
     if shape.parameters == "sizes":
         free = k == shape.theta + 6
         up = [R[2][2] > 0.5 or free for _, R in shape.symmetries]
         sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
-        alike, prior = max(1, sum(up)), np.diag(1 / sigma**2)
+        alike, prior = np.log(max(1, sum(up))), np.diag(1 / sigma**2)
     else:
-        prior = np.eye(k) / REACHED**2 + positive_part(information.part("prior"))
-    covariance = information.of_hessian().spread
+        held = {"prior", "regulariser"} & {*information.roles.values()}
+        prior = positive_part(sum(information.part(role) for role in sorted(held)))
+        prior += np.eye(k) / REACHED**2
+        alike = labellings(k, occam_factor(covariance, prior)[1])
     late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
-    return log_evidence(cost, covariance, prior) + np.log(alike)
+    return log_evidence(cost, covariance, prior) + alike

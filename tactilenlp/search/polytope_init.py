@@ -28,9 +28,10 @@ from ..geometry.convex_hull import (
     thinned,
     vertices_behind,
 )
-from ..problem.reductions import reduce
+from ..problem.reductions import Reductions, reduce
 from .hypothesis import CLOSED, Hypothesis
 from .local_solve import built_page
+from .margins import DECISIVE
 from .plane_slam import (
     Faces,
     extended_faces,
@@ -39,17 +40,16 @@ from .plane_slam import (
     unseen_ball,
     unseen_halfspaces,
 )
-from .solved import search_settings
+from .solved import Solved, search_settings
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
+BODIES_SOLVED = 2  # by the page, of those whose evidence is much the same
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
 
-def polytope_from_planes(
-    window, faces: Faces, size, vertices: int, ground=True, ball=True
-):
-    """Return the vertices (vertices, 3) [m] of the intersection of half-spaces.
+def corners_behind_planes(window, faces: Faces, size, ground=True, ball=True):
+    """Return the vertices (n, 3) [m] of the intersection of half-spaces.
 
     ground: whether there is one, at z = 0; ball: whether a ball bounds the untouched
     side. Without one, None unless planes and ground close the body.
@@ -71,7 +71,7 @@ def polytope_from_planes(
             corners = vertices_behind(halfspaces)
         except TactileError:
             break
-    return filled(thinned(hull_vertices(merged(corners)), vertices), vertices)
+    return hull_vertices(merged(corners))
 
 
 def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
@@ -144,10 +144,12 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
 
 def _fitted(job, faces: Faces) -> list[Hypothesis]:
     """Return the bodies of planes, fitted if there is time; they stay at the end."""
-    samples, bodies = job.data.samples, bodies_from(job, faces)
+    samples = job.data.samples
     part = replace(job, data=samples_until(job.data, faces.x.shape[1]))
-    if not job.deadline.passed("a fit of the first polytope"):
-        bodies = [polished(part, body) for body in bodies]
+    if job.deadline.passed("a fit of the first polytope"):
+        bodies = bodies_from(job, faces)
+    else:
+        bodies = fitted_bodies(part, bodies_from(job, faces, job.shape.counts))
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
@@ -155,33 +157,90 @@ def _fitted(job, faces: Faces) -> list[Hypothesis]:
     ]
 
 
-def bodies_from(job, faces: Faces) -> list[Hypothesis]:
+def fitted_bodies(job, bodies) -> list[Hypothesis]:
+    """Return the bodies fitted; of several numbers of vertices those of most evidence.
+
+    These are the best one and others that are at most DECISIVE behind: the page decides
+    between them.
+    """
+    if not job.shape.counts:
+        return [polished(job, body).at for body in bodies]
+    return [fit.at for fit in likeliest(job, bodies)[:BODIES_SOLVED]]
+
+
+def likeliest(job, bodies) -> list[Solved]:
+    """Return fits of bodies at most DECISIVE behind in evidence, the best first.
+
+    bodies: of one hull the one of most vertices first.
+    """
+    fits, costs = [], {}  # the latter by path, of the last number of vertices
+    for body in bodies:
+        least = min((fit.cost + fit.occam for fit in fits), default=np.inf)
+        if costs.get(body.path, -np.inf) < least:  # fewer vertices do not fit better
+            fits.append(fit := polished(job, body))
+            costs[body.path] = fit.cost
+    fits.sort(key=lambda fit: round(fit.cost + fit.occam, 3))
+    limit = fits[0].cost + fits[0].occam + DECISIVE
+    return [fit for fit in fits if fit.cost + fit.occam <= limit]
+
+
+def has_likely_count(job, h: Hypothesis) -> bool:
+    """Tell whether evidence asks for no other number of vertices than a hypothesis has.
+
+    job: of its samples.  By the planes that touches have on it.
+    """
+    if not job.shape.counts or job.deadline.passed("other numbers of vertices"):
+        return True
+    data = credible_data(job.data, job.precision.normal)
+    job = replace(job, data=data, reductions=Reductions())
+    bodies = bodies_from(job, faces_of(job, h), job.shape.counts)
+    return any(fit.at.theta.size == h.theta.size for fit in likeliest(job, bodies))
+
+
+def bodies_from(job, faces: Faces, counts=()) -> list[Hypothesis]:
     """Return the bodies of the planes seen so far, as hypotheses.
 
-    The first is bounded by a ball on its untouched side; a second one has touched faces
-    only, where planes and ground close it.
+    One is bounded by a ball on its untouched side; a second one has touched faces only,
+    where planes and ground close it.  counts: numbers of vertices, each of which they
+    have; by default that of the shape.
     """
     data = samples_until(job.data, faces.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     ground = job.scene.ground is not None
-    arguments = window, faces, job.shape.size_prior, job.shape.theta // 3, ground
-    hulls = {("planes",): polytope_from_planes(*arguments)}
+    arguments = window, faces, job.shape.size_prior, ground
+    hulls = {("planes",): corners_behind_planes(*arguments)}
     if ground:
-        hulls["planes", CLOSED] = polytope_from_planes(*arguments, ball=False)
+        hulls["planes", CLOSED] = corners_behind_planes(*arguments, ball=False)
+    counts = sorted(counts or [job.shape.theta // 3], reverse=True)
     return [
         Hypothesis(V.ravel(), faces.x, faces.objective, path, faces.iterations)
-        for path, V in hulls.items() if V is not None
+        for path, corners in hulls.items() if corners is not None
+        for V in with_counts(corners, counts)
     ]  # fmt: skip
 
 
-def polished(job, body: Hypothesis) -> Hypothesis:
-    """Return the body with vertices and poses fitted to the measurements."""
+def with_counts(corners, counts) -> list[np.ndarray]:
+    """Return the hull of corners (n, 3) as so many vertices each; counts: descending.
+
+    Vertices that add least volume go one after another, so that a hull of fewer is
+    made of the one before.  No count is taken that a smaller one has room for.
+    """
+    enough = min((count for count in counts if count >= len(corners)), default=np.inf)
+    hulls = []
+    for count in (count for count in counts if count <= enough):
+        corners = thinned(corners, count)
+        hulls.append(filled(corners, count))
+    return hulls
+
+
+def polished(job, body: Hypothesis) -> Solved:
+    """Return the quasi-static page solved from a body: vertices and poses fitted."""
     job = replace(job, page=polytope_quasi_static)
     built, levels = built_page(job, body), polytope_quasi_static.STARTING
     start, settings = built.values_at(body), search_settings(job)
     solved = built.solved(job, levels, start, settings=settings)
     iterations = body.iterations + solved.solution.iterations
-    return replace(solved.at, iterations=iterations)
+    return replace(solved, hypothesis=replace(body, iterations=iterations))
 
 
 def credible_data(data, sigma: float):

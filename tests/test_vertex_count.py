@@ -1,0 +1,153 @@
+"""How many vertices a polytope has is told by the evidence."""
+
+from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+from scipy.special import gammaln
+from trimesh.convex import convex_hull
+
+from formulations import polytope_violation_implicit
+from formulations.polytope import COUNTS, polytope
+from tactilenlp import (
+    Measurements,
+    Options,
+    Scene,
+    example_recording,
+    solve_estimate,
+    surface_distance,
+)
+from tactilenlp.common.deadline import NEVER
+from tactilenlp.information.polytope_information import (
+    labellings,
+    occam_of_vertices,
+)
+from tactilenlp.interface.request import make_job
+from tactilenlp.nlp.diagnostics import check
+from tactilenlp.problem.polytope_window import VERTICES_READ
+from tactilenlp.problem.reductions import Reductions
+from tactilenlp.search import polytope_init
+from tactilenlp.search.local_solve import built_page
+from tactilenlp.search.polytope_init import likeliest, search_polytope, with_counts
+
+CUBE = 0.02 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
+PRIOR = 1 / 0.005**2  # [1/m^2]
+
+
+def kkt_of(shares) -> SimpleNamespace:
+    """Return what is known of vertices of which these shares of the variance are left.
+
+    shares (V,): of all three coordinates of a vertex.
+    """
+    each = np.repeat(shares, 3)
+    prior = sp.diags(np.full(len(each), PRIOR)).tocsc()
+    costs = {"ball prior": SimpleNamespace(role="prior")}
+    theta = SimpleNamespace(span=slice(0, len(each)))
+    return SimpleNamespace(
+        problem=SimpleNamespace(costs=costs, variables={"theta": theta}),
+        hessian=lambda names: len([*names]) * prior,
+        marginal=lambda _: np.diag(each / PRIOR),
+    )
+
+
+def test_vertices_that_no_touch_tells_cost_nothing():
+    assert occam_of_vertices(kkt_of([1.0] * 20)) == pytest.approx(0.0, abs=1e-9)
+    few, many = kkt_of([1e-4] * 4), kkt_of([1e-4] * 4 + [1.0] * 16)
+    # More vertices can take the places of those that are told.
+    more = gammaln(21) - gammaln(17) - gammaln(5)
+    gain = occam_of_vertices(few) - occam_of_vertices(many)
+    assert gain == pytest.approx(more, abs=0.01)
+
+
+def test_a_vertex_costs_its_volume_and_gains_the_orders_of_the_list():
+    # Ten times as exact along each axis; 6 of 6 vertices can be listed in 720 ways.
+    six = kkt_of([1e-2] * 6)
+    assert occam_of_vertices(six) == pytest.approx(18 * np.log(10) - np.log(720), abs=1)
+    assert labellings(18, 18.0) == pytest.approx(np.log(720))
+    assert labellings(60, 0.0) == 0.0
+
+
+def test_hulls_of_fewer_vertices_lie_in_those_of_more():
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(60, 3))
+    points /= 50 * np.linalg.norm(points, axis=1, keepdims=True)
+    hulls = with_counts(points, sorted(COUNTS, reverse=True))
+    assert [len(V) for V in hulls] == sorted(COUNTS, reverse=True)
+    volume = [ConvexHull(V).volume for V in hulls]
+    assert volume == sorted(volume, reverse=True)
+    for more, fewer in pairwise(hulls):
+        assert (np.linalg.norm(fewer[:, None] - more, axis=2).min(axis=1) < 1e-12).all()
+
+
+def test_no_count_is_tried_that_a_smaller_one_has_room_for():
+    counts = sorted(COUNTS, reverse=True)
+    assert [len(V) for V in with_counts(CUBE, counts)] == [8, 6, 4]
+    assert [len(V) for V in with_counts(CUBE[:7], counts)] == [8, 6, 4]
+
+
+def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
+    asked = []
+
+    def fit(_, body):
+        asked.append(body.count)
+        cost = 5.0 if body.count >= 8 else 900.0
+        return SimpleNamespace(cost=cost, occam=4.0 * body.count)
+
+    monkeypatch.setattr(polytope_init, "polished", fit)
+    bodies = [SimpleNamespace(count=k, path=()) for k in sorted(COUNTS, reverse=True)]
+    best, *_ = likeliest(None, bodies)
+    assert best.cost + best.occam == 5.0 + 4.0 * 8
+    assert asked == [20, 16, 12, 10, 8, 6]
+
+
+def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():
+    assert polytope(30).counts == ()
+    assert polytope(30).theta == 90
+    assert polytope().counts == COUNTS
+    assert max(COUNTS) == polytope().theta // 3
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    file = example_recording("polytope")
+    with np.load(file) as true:
+        turn = Rotation.from_quat(true["object_quaternion"][-1], scalar_first=True)
+        body = convex_hull(turn.apply(true["vertices"]) + true["object_position"][-1])
+    return Measurements.load(file), Scene.load(file), body
+
+
+@pytest.mark.slow
+def test_an_octahedron_has_six_vertices(shipped):
+    data, scene, body = shipped
+    estimate = solve_estimate(data, scene, shape="polytope")
+    assert estimate.success
+    assert len(estimate.vertices) in (6, 8)
+    twenty = solve_estimate(data, scene, shape=polytope(20))
+    near, far = (surface_distance(e.mesh(), body).mean for e in (estimate, twenty))
+    assert near < min(0.8e-3, far)  # 0.61 and 0.76 mm
+    assert estimate.vertices.size == len(estimate.information.names)
+    first = data.select(np.unique(data.action)[:-1])
+    early = solve_estimate(first, scene, shape="polytope")
+    later = solve_estimate(data, scene, shape="polytope", start=early)
+    assert later.objective < estimate.objective + 3.0  # [nats]
+
+
+@pytest.mark.slow
+def test_a_tetrahedron_has_the_derivatives_of_every_polytope(shipped):
+    data, scene = shipped[0].select([0, 1]), shipped[1]
+    job = make_job(
+        data, scene, polytope(4), Options(), 0.0, polytope_violation_implicit
+    )
+    job = replace(job, deadline=NEVER)
+    h, *_ = search_polytope(replace(job, reductions=Reductions()), [])
+    built = built_page(job, h)
+    assert built.window.near_touch.shape[1] == VERTICES_READ
+    report = check(built.problem, built.values_at(h))
+    # Kinks of the nearest point leave 1e-4; what counts doubled vertices wrong is off
+    # by its own size.
+    assert max(max(pair) for pair in report.derivatives.values()) < 1e-3
