@@ -3,7 +3,7 @@
     python examples/benchmarks/mismatch.py folder [--trials 3] [--actions 9]
         [--executor processes|dask|mpi|none]
 
-A cylinder and ellipsoids are estimated as a hull of 4 to 20 vertices, prisms and a cylinder
+A cylinder and ellipsoids are estimated as a polytope, prisms and a cylinder
 as a cuboid.  A dodecahedron and a box, which belong to their class, show the error that
 nine touches leave in any case.  Each body is touched at random in simulation.  best:
 exact surface distance of the member of the class that is fitted to the true surface;

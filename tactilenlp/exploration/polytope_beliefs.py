@@ -1,6 +1,6 @@
 r"""The belief about a hull before an action: a Gaussian of its vertices.
 
-The vertices are taken where they lie now.  They can have sixty unknowns, most of which no
+The vertices are taken where they lie now.  Twenty have sixty unknowns, most of which no
 touch observes.  The gain should count only those that the planned contacts observe,
 given what is known.  So the information is summed afresh from parts that are positive
 semidefinite each:
