@@ -147,3 +147,17 @@ def test_a_success_that_is_no_optimum_is_none():
     assert slope > 1
     assert not solution.success
     assert solution.status == "Optimality_Conditions_Violated"
+
+
+def test_an_equation_that_holds_is_no_lack_of_complementarity():
+    """Multipliers of 1e7 times residuals of 1e-9 are no distance from a limit."""
+    for start in np.random.default_rng(0).normal(size=(25, 2, 1)):
+        problem = Problem()
+        x = problem.variable("x", 2, guess=start, unit="m", scale=1)
+        problem.minimize(
+            "pull", lambda x: 1e7 * ca.sumsqr(x - ca.DM([3, 1])), x, role="prior"
+        )
+        problem.subject_to("circle", lambda x: ca.sumsqr(x), x, lower=1, upper=1)
+        solution = solve(problem)
+        assert solution.violations["circle"] < 1e-8
+        assert solution.complementarity == 0.0

@@ -40,8 +40,8 @@ class Solution:
 
     `stationarity`: the largest |entry| of the gradient of the Lagrangian, and of the
     multipliers that push towards no limit; `complementarity`: the largest |multiplier
-    times distance from its limit|.  Both are recomputed from the programme, in scaled
-    unknowns, as `violations` are; NaN where nothing was solved.
+    times distance from its limit| of what is no equation (`violations` are these).
+    Both are recomputed, in scaled unknowns; NaN where nothing was solved.
 
     `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
     instances; `violations` by constraint, the largest; `multipliers` by constraint,
@@ -127,6 +127,7 @@ def _kkt_errors(problem, x, data, lam_g, lam_x, bounds) -> dict:
         for bound, which in zip(bounds, ("lower", "upper"), strict=True)
     )
     slack = np.where(multiplier > 0, upper - value, value - lower)
+    slack[lower == upper] = 0.0  # of an equation it is the violation
     no_limit = np.isinf(slack)
     dual = np.r_[slope + lam_x * scale, multiplier[no_limit]]
     products = multiplier[~no_limit] * slack[~no_limit]
