@@ -22,7 +22,7 @@ from tactilenlp import (
     solve_estimate,
     surface_distance,
 )
-from tactilenlp.common.deadline import NEVER
+from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.information.polytope_information import (
     labellings,
     occam_of_vertices,
@@ -90,6 +90,16 @@ def test_no_count_is_tried_that_a_smaller_one_has_room_for():
     assert [len(V) for V in with_counts(CUBE[:7], counts)] == [8, 6, 4]
 
 
+def bodies(counts):
+    """Return what is told of the bodies of one hull, with so many vertices each."""
+    return [SimpleNamespace(count=k, path=()) for k in sorted(counts, reverse=True)]
+
+
+def job_until(deadline) -> SimpleNamespace:
+    """Return a job of which no more than its deadline is told."""
+    return SimpleNamespace(deadline=deadline)
+
+
 def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
     asked = []
 
@@ -99,10 +109,40 @@ def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
         return SimpleNamespace(cost=cost, occam=4.0 * body.count)
 
     monkeypatch.setattr(polytope_init, "polished", fit)
-    bodies = [SimpleNamespace(count=k, path=()) for k in sorted(COUNTS, reverse=True)]
-    best, *_ = likeliest(None, bodies)
+    best, *_ = likeliest(job_until(NEVER), bodies(COUNTS))
     assert best.cost + best.occam == 5.0 + 4.0 * 8
     assert asked == [20, 16, 12, 10, 8, 6]
+
+
+def test_time_that_ends_leaves_the_bodies_fitted_by_then(monkeypatch):
+    asked = []
+
+    def fit(_, body):
+        asked.append(body.count)
+        return SimpleNamespace(cost=5.0, occam=1.0)
+
+    monkeypatch.setattr(polytope_init, "polished", fit)
+    over = Deadline.within(0.0)
+    assert len(likeliest(job_until(over), bodies(COUNTS))) == 1
+    assert asked == [20]
+    assert over.omitted == ["other numbers of vertices"]
+
+
+def test_a_fit_that_diverged_is_the_last_and_is_not_linearised(monkeypatch):
+    class Diverged:
+        cost = np.nan
+
+        @property
+        def occam(self):
+            raise np.linalg.LinAlgError
+
+    def fit(_, body):
+        good = SimpleNamespace(cost=5.0, occam=float(body.count), count=body.count)
+        return Diverged() if body.count == 20 else good
+
+    monkeypatch.setattr(polytope_init, "polished", fit)
+    assert [k.count for k in likeliest(job_until(NEVER), bodies([20, 8, 6]))] == [6, 8]
+    assert len(likeliest(job_until(NEVER), bodies([20]))) == 1
 
 
 def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():

@@ -171,17 +171,22 @@ def fitted_bodies(job, bodies) -> list[Hypothesis]:
 def likeliest(job, bodies) -> list[Solved]:
     """Return fits of bodies at most DECISIVE behind in evidence, the best first.
 
-    bodies: of one hull the one of most vertices first.
+    bodies: of one hull the one of most vertices first.  At a deadline those of the
+    bodies fitted by then, one at least.
     """
     fits, costs = [], {}  # the latter by path, of the last number of vertices
     for body in bodies:
-        least = min((fit.cost + fit.occam for fit in fits), default=np.inf)
-        if costs.get(body.path, -np.inf) < least:  # fewer vertices do not fit better
-            fits.append(fit := polished(job, body))
-            costs[body.path] = fit.cost
-    fits.sort(key=lambda fit: round(fit.cost + fit.occam, 3))
-    limit = fits[0].cost + fits[0].occam + DECISIVE
-    return [fit for fit in fits if fit.cost + fit.occam <= limit]
+        least = min((lost for lost, _ in fits), default=np.inf)
+        if costs.get(body.path, -np.inf) >= least:  # fewer vertices do not fit better
+            continue
+        if fits and job.deadline.passed("other numbers of vertices"):
+            break
+        fit = polished(job, body)
+        fitted = np.isfinite(fit.cost)  # else it diverged
+        fits.append((fit.cost + fit.occam if fitted else np.inf, fit))
+        costs[body.path] = fit.cost if fitted else -np.inf
+    fits.sort(key=lambda pair: np.round(pair[0], 3))
+    return [fit for lost, fit in fits if lost <= fits[0][0] + DECISIVE]
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
