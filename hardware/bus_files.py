@@ -42,7 +42,13 @@ class BusFile:
         self._file.flush()
 
     def write(self, message: can.Message) -> None:
-        """Write one frame."""
+        """Write one frame; raises RecordingError for a time that a .blf cannot hold."""
+        if self._blf and message.timestamp < FILE_BEGIN:
+            raise RecordingError(
+                "a time before the start of the file", got=f"{message.timestamp:.3f} s",
+                expected=f"{FILE_BEGIN:g} s (2017) or more",
+                next='set the clock of the host, or record with bus="log"',
+            )  # fmt: skip
         row = copy(message)
         row.channel = None  # one file per bus; a log cannot hold every name
         self._writer.on_message_received(row)

@@ -7,7 +7,7 @@ import can
 import numpy as np
 import pytest
 
-from hardware.bus_files import BusFile
+from hardware.bus_files import BusFile, read_frames
 from hardware.errors import RecordingError
 from hardware.motor_can import Pair, Quantity, encode
 from hardware.recording import Recording
@@ -89,6 +89,22 @@ def test_frames_of_before_the_first_one_keep_their_times(tmp_path):
     with can.BLFReader(tmp_path / "bus.blf") as reader:
         stamps = [message.timestamp - BEGIN for message in reader]
     assert stamps == pytest.approx([0.0, -0.2, 0.1], abs=2e-6)
+
+
+@pytest.mark.parametrize("bus", ["blf", "log"])
+@pytest.mark.parametrize("stamp", [12.0, 1.2e9])
+def test_times_of_a_clock_that_is_not_set_are_kept_or_refused(tmp_path, stamp, bus):
+    """A .blf would hold one time for all: that of its header."""
+    file = BusFile(tmp_path / f"bus.{bus}")
+    message = encode(Pair(Quantity.POSITION, (0.0, 0.0)), stamp)
+    if bus == "blf":
+        with pytest.raises(RecordingError, match="set the clock"):
+            file.write(message)
+    else:
+        file.write(message)
+    file.close()
+    kept = [one.timestamp for one in read_frames(tmp_path / f"bus.{bus}", cut=False)]
+    assert kept == [stamp] * (bus == "log")
 
 
 @pytest.mark.parametrize("count", [500, COUNT])
