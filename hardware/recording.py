@@ -167,11 +167,14 @@ def device_times(frames: list[tuple[float, ForceFrame]], unit: float) -> np.ndar
     times = np.empty(len(frames))
     for part in np.split(np.arange(len(frames)), starts):
         device, host = counter[part], arrival[part]
-        span, told = host[-1] - host[0], unit * (device[-1] - device[0])
-        if abs(span - told) > max(RESTARTED, OTHER_RATE * told):
+        span = host[-1] - host[0]
+        # Without what a host read at once after a pause: that came in no time.
+        ends = [min(np.searchsorted(host, host[0] + RESTARTED), len(host) - 1), -1]
+        heard, counts = np.ptp(host[ends]), np.ptp(device[ends])
+        if abs(heard - unit * counts) > max(RESTARTED, OTHER_RATE * unit * counts):
             raise ClockError(
                 "a sensor does not send at the rate told", where="tactile.speed",
-                got=f"{span / (device[-1] - device[0]):.4g} s between samples",
+                got=f"{heard / counts:.4g} s between samples",
                 expected=f"{unit:.4g} s",
                 next="give the speed that the sensor has to the rig of the manifest",
             )  # fmt: skip

@@ -10,9 +10,9 @@ from bench_tape import recorded, taped
 from hardware.assemble import assemble
 from hardware.bench import Bench
 from hardware.bus_files import BusFile
-from hardware.errors import ClockError, HardwareError, RecordingError
+from hardware.errors import HardwareError, RecordingError
 from hardware.motor_can import Pair, Quantity, Reference, decode, encode
-from hardware.recording import Recording, device_times
+from hardware.recording import Recording
 from hardware.rig import Rig
 from hardware.serial_tactile import (
     ForceFrame,
@@ -185,47 +185,6 @@ def test_serial_bytes_and_their_times_come_back(tmp_path):
 # Clocks of devices
 
 
-def test_counters_give_the_times_that_arrivals_blur():
-    rng = np.random.default_rng(0)
-    true = 1.7e9 + 1.00005 * np.arange(3000) / 1000
-    arrival = true[np.minimum((np.arange(3000) // 16 + 1) * 16 - 1, 2999)]
-    late = arrival + rng.exponential(2e-4, 3000)
-    late = np.maximum.accumulate(late)
-    frames = [
-        (t, ForceFrame((65000 + k) % 65536, 0, (0, 0, 0))) for k, t in enumerate(late)
-    ]
-    times = device_times(frames, 1e-3)
-    assert np.abs(times - true).max() < 2e-3
-    assert np.abs(np.diff(times) - 1.00005e-3).max() < 1e-6
-    assert np.abs(late - true).max() > 0.01
-
-
-def test_a_sensor_that_was_switched_on_again_has_a_new_clock():
-    counters = [*range(5000, 5500), *range(0, 500)]
-    true = 1.7e9 + np.r_[np.arange(500), 900 + np.arange(500)] / 100
-    frames = [
-        (t, ForceFrame(c, 0, (0, 0, 0)))
-        for t, c in zip(true.tolist(), counters, strict=True)
-    ]
-    assert np.abs(device_times(frames, 0.01) - true).max() < 1e-3
-
-
-@pytest.mark.parametrize("count", [600, 10_000])
-@pytest.mark.parametrize("last", [30_000, 45_000, 65_000])
-def test_a_sensor_that_was_unplugged_has_a_new_clock_whatever_it_had_counted(
-    count, last
-):
-    """Beyond half its range a counter that starts at 0 seems to go forward."""
-    counters = [*range(last - count, last), *range(count)]
-    outage = 1.0
-    true = 1.7e9 + np.arange(2 * count) / 1000 + np.repeat([0.0, outage], count)
-    frames = [
-        (t, ForceFrame(c, 0, (0, 0, 0)))
-        for t, c in zip(true.tolist(), counters, strict=True)
-    ]
-    assert np.abs(device_times(frames, 1e-3) - true).max() < 1e-3
-
-
 def test_samples_that_a_bus_lost_are_counted_by_the_speed_of_the_sensor(copy):
     """Every second sample is missing: by the median interval none would be."""
     before = Recording(copy).fingers()[0].touch.report
@@ -241,24 +200,6 @@ def test_samples_that_a_bus_lost_are_counted_by_the_speed_of_the_sensor(copy):
     assert before.lost == 0
     assert after.lost == after.samples - 1
     assert after.rate == pytest.approx(50)
-
-
-@pytest.mark.parametrize("count", [100, 1000])
-def test_a_sensor_that_sends_at_another_rate_than_told_is_named(count):
-    """An OptoForce on CAN is not told its speed: 100 Hz by default."""
-    frames = [(1.7e9 + k / 100, ForceFrame(k, 0, (0, 0, 0))) for k in range(count)]
-    with pytest.raises(ClockError, match=r"tactile\.speed.*0\.001 s, got 0\.01 s"):
-        device_times(frames, 1e-3)
-
-
-def test_a_counter_that_wrapped_unheard_keeps_the_time():
-    counters = [*range(20_000), *(k % 65536 for k in range(90_000, 100_000))]
-    true = 1.7e9 + np.r_[np.arange(20_000), np.arange(90_000, 100_000)] / 1000
-    frames = [
-        (t, ForceFrame(c, 0, (0, 0, 0)))
-        for t, c in zip(true.tolist(), counters, strict=True)
-    ]
-    assert np.abs(device_times(frames, 1e-3) - true).max() < 1e-3
 
 
 # Damage
