@@ -57,6 +57,15 @@ def test_parts_of_a_rig_are_checked_when_it_is_made():
         Rig.load("/nowhere/rig.json")
 
 
+@pytest.mark.parametrize("change", [{1: 2}, {"fingers": [{1: 2}]}])
+def test_keys_of_a_rig_are_words(change):
+    with pytest.raises(RigError, match="wrong type"):
+        Rig.from_dict(change)
+    for name in ("can", "touch", "camera"):
+        with pytest.raises(RigError, match=rf"tactile\.{name}: wrong type"):
+            Tactile("anyskin", **{name: {1: 2}})
+
+
 def test_a_magnetic_skin_is_a_rig_too():
     tactile = Tactile("anyskin", source="/dev/ttyACM0", touch={"on": 80.0, "off": 50.0})
     reader = tactile.reader("skin", None, None)

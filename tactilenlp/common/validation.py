@@ -93,7 +93,8 @@ def check_types(**given) -> None:
 def check_kind(where: str, value, kind, error=OptionError, next: str = "") -> None:
     """Raise `error` unless a value is of a type.
 
-    kind: a class, the name of a class that cannot be imported here, or a tuple.
+    kind: a class, the name of a class that cannot be imported here, or a tuple.  The
+    keys of a dict must be words, and a boolean is no int.
     """
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if not any(_is(value, k) for k in kinds):
@@ -196,6 +197,8 @@ def _reader(value, kinds) -> str:
 def _is(value, kind) -> bool:
     if isinstance(kind, str):
         return any(base.__name__ == kind for base in type(value).__mro__)
+    if kind is dict and isinstance(value, dict):
+        return all(isinstance(key, str) for key in value)
     return isinstance(value, kind) and not (kind is int and isinstance(value, bool))
 
 
