@@ -75,6 +75,7 @@ class Tactile:
         for name in ("can", "touch", "camera"):
             check_kind(f"tactile.{name}", getattr(self, name), dict, RigError)
         check_whole("tactile.speed", self.speed, 1, FASTEST_SENSOR, RigError)
+        object.__setattr__(self, "speed", int(self.speed))  # JSON has no NumPy
         if self.kind.startswith("optoforce"):
             rates, told = sorted(SPEEDS.keys() - {0}), ("no such rate", RigError, "Hz")
             check_one_of("tactile.speed", self.speed, rates, *told)

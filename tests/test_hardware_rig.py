@@ -11,6 +11,7 @@ from hardware.errors import RigError
 from hardware.rig import Rig, Tactile
 from hardware.serial_tactile import (
     AnySkinFramer,
+    encode_configuration,
     encode_field,
 )
 from hardware.simulated_robot import simulated_rig
@@ -83,6 +84,15 @@ def test_a_rate_that_an_optoforce_does_not_have_is_refused(kind):
     for speed in (10, 30, 100, 333, 1000):
         Tactile(kind, speed=speed)
     Tactile("anyskin", speed=500)  # which has one rate only
+
+
+def test_a_rate_may_be_a_number_of_numpy(tmp_path):
+    one = simulated_rig("optoforce_can").fingers[0]
+    rate = np.int64(333)
+    rig = Rig((replace(one, tactile=replace(one.tactile, speed=rate)),))
+    rig.save(tmp_path / "rig.json")
+    assert Rig.load(tmp_path / "rig.json").fingers[0].tactile.speed == 333
+    assert encode_configuration(rate) == encode_configuration(333)
 
 
 def test_names_that_would_share_a_file_are_refused():

@@ -142,7 +142,7 @@ def check_one_of(
     where: str, value, known, what: str, error=OptionError, unit: str = ""
 ) -> None:
     """Raise `error` unless a value is one of the words or numbers that are known."""
-    plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
+    plain = isinstance(value, (str, Real)) and not isinstance(value, NO_NUMBERS)
     if not (plain and value in known):
         _refuse(error, what, where, value, f"one of {[*known]} {unit}".rstrip())
 
