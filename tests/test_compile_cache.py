@@ -4,7 +4,6 @@ Every state is tried in a process of its own, which a damaged library would end 
 signal, without the rights of root.
 """
 
-import multiprocessing
 import os
 import shutil
 import signal
@@ -15,12 +14,10 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-import casadi as ca
 import pytest
 from cache_child import (
     COMPILED,
     INTERPRETED,
-    LONGEST,
     NOBODY,
     cache_of,
     child,
@@ -263,59 +260,3 @@ def test_waiting_for_a_compiler_is_said_once(home):
     assert kinds == [COMPILED] * 2
     assert warnings == [compilation.WAITING]
     assert run(cache_of(home), talkative) == ([COMPILED] * 2, [])
-
-
-def test_compilers_run_beside_each_other(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    x = ca.SX.sym("x")
-    waiting = [
-        codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in (3, 4, 5)
-    ]
-    assert 1 <= len(compilation._running) <= (os.cpu_count() or 1)
-    values = [float(made()[0](2.0)) for made in waiting]
-    assert values == [8.0, 16.0, 32.0]
-    assert not compilation._running
-    assert codegen.kept(["value"], "4")[0].class_name() == COMPILED
-
-
-def forked(compute):
-    """Return what compute() returns in a fork of this process."""
-    fork = multiprocessing.get_context("fork")
-    receive, send = fork.Pipe(duplex=False)
-    process = fork.Process(target=lambda: send.send(compute()))
-    process.start()
-    send.close()
-    try:
-        assert receive.poll(LONGEST)
-        return receive.recv()
-    finally:
-        process.join()
-
-
-def test_a_fork_leaves_the_compilers_of_its_parent_alone(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    x = ca.SX.sym("x")
-    powers = range(3, 3 + (os.cpu_count() or 1))  # as many as may run
-    begun = [codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in powers]
-    assert compilation._running
-
-    def compute():
-        (another,) = codegen.begun([ca.Function("value", [x], [x - 1])], "another")()
-        (first,) = begun[0]()
-        return [f.class_name() for f in (another, first)], float(first(2.0))
-
-    assert forked(compute) == ([COMPILED] * 2, 8.0)
-    assert [made()[0].class_name() for made in begun] == [COMPILED] * len(powers)
-    assert not [*tmp_path.rglob("unfinished-*")]
-
-
-def test_only_gcc_is_told_to_leave_out_its_passes(tmp_path, monkeypatch):
-    for name in ("x86_64-linux-gnu-gcc-12", "clang-17"):
-        (tmp_path / name).touch()
-        (tmp_path / "cc").unlink(missing_ok=True)
-        (tmp_path / "cc").symlink_to(tmp_path / name)
-        monkeypatch.setattr(codegen, "compiler", lambda: str(tmp_path / "cc"))
-        told = {*codegen._flags()}
-        assert told >= {*codegen.FLAGS}
-        assert ("gcc" in name) == (told >= {*codegen.UNUSED_PASSES})
-        assert ("gcc" in name) == bool(told & {*codegen.UNUSED_PASSES})
