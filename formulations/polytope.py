@@ -100,8 +100,8 @@ def polytope(vertices: int | None = None) -> Shape:
 
     None: as many of COUNTS as have the largest evidence.
     """
-    counts = () if vertices else COUNTS
-    vertices = vertices or COUNTS[-1]
+    counts = COUNTS if vertices is None else ()
+    vertices = COUNTS[-1] if vertices is None else vertices
     return Shape(
         name="polytope",
         theta=3 * vertices,

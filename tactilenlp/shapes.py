@@ -37,12 +37,15 @@ def prism(sides: int) -> Shape:
     return upright.prism(_count("sides", sides, 3))
 
 
-def polytope(vertices: int = 20) -> Shape:
-    """Return the class of hulls of so many vertices, at least eight.
+def polytope(vertices: int | None = None) -> Shape:
+    """Return the class of hulls of so many vertices, at least four.
 
-    theta: x, y, z [m] of one vertex after the other.  Raises OptionError.
+    None: 4 to 20, as many as the evidence asks for.  theta: x, y, z [m] of one vertex
+    after the other.  Raises OptionError.
     """
-    return hull.polytope(_count("vertices", vertices, 8))
+    if vertices is None:
+        return hull.polytope()
+    return hull.polytope(_count("vertices", vertices, 4))
 
 
 def gradient_normal(distance: Callable) -> Callable:

@@ -149,7 +149,7 @@ SHAPES_AND_WORLDS = {
         "divide by 1000",
     ),
     "a prism of two sides": (lambda k: tn.prism(2), "from 3"),
-    "a hull of three vertices": (lambda k: tn.polytope(3), "from 8"),
+    "a hull of three vertices": (lambda k: tn.polytope(3), "from 4"),
     "a class in a list": (lambda k: k.solved(shape=["cuboid", "prizm"]), "prism(6)"),
     "a world without execute": (lambda k: explored(object()), "TouchedWorld"),
     "a world that returns nothing": (

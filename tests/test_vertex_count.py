@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import gammaln
 from trimesh.convex import convex_hull
 
+import tactilenlp
 from formulations import polytope_violation_implicit
 from formulations.polytope import COUNTS, polytope
 from tactilenlp import (
@@ -150,6 +151,8 @@ def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():
     assert polytope(30).theta == 90
     assert polytope().counts == COUNTS
     assert max(COUNTS) == polytope().theta // 3
+    assert tactilenlp.polytope() == polytope()
+    assert tactilenlp.polytope(4) == polytope(4)
 
 
 @pytest.fixture(scope="module")
