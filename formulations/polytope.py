@@ -25,7 +25,8 @@ from .pushed_hull import as_pushed, legs_squared
 from .shape import Shape
 
 LEGS = 4  # vertices at most that carry the body
-COUNTS = (4, 6, 8, 10, 12, 16, 20)  # numbers of vertices that are compared
+# Numbers of vertices that are compared: of Platonic solids, and two between
+COUNTS = (4, 6, 8, 10, 12, 16, 20)
 
 
 def _matrix(theta):
