@@ -217,8 +217,8 @@ def not_converged(problem: Problem, solution: Solution, estimate=None) -> NotCon
     costs = [f"{n} {solution.costs[n]:.3g}" for n in heavy]
     status = getattr(estimate, "status", solution.status)
     return NotConverged(
-        f"{solution.solver} says {solution.status} after {solution.iterations} "
-        f"iterations{status.removeprefix(solution.status)}",
+        f"{solution.solver or 'the solver'} says {solution.status} after "
+        f"{solution.iterations} iterations{status.removeprefix(solution.status)}",
         where=f"{problem.size} unknowns, {problem.rows} constraints",
         got=f"violated: {', '.join(broken) or 'nothing'}; costs: {', '.join(costs)}",
         next=_advice(solution, TIME_LIMIT in status),
