@@ -91,7 +91,7 @@ def test_the_price_of_a_latency_counts_where_solves_are_ranked():
 
     def solved(objective, price):
         solution = SimpleNamespace(success=True, objective=objective)
-        job = SimpleNamespace(prior_cost=price)
+        job = SimpleNamespace(prior_cost=price, shape=CUBOID)
         return Solved(SimpleNamespace(path=()), None, solution, job)
 
     late, prompt = solved(1.0, 0.5), solved(1.2, 0.0)
