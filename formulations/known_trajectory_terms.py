@@ -59,10 +59,10 @@ class Corner(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """An impulse lam (3,) [N s] on a corner."""
+    """An impulse lam (3,) [N s] on a Corner."""
 
     lam: object
-    corner: Corner
+    corner: object
 
 
 class Pose(NamedTuple):
