@@ -20,6 +20,7 @@ from .mixture import occam_factor, one_mode
 from .tangent_space import TangentSpace
 from .trajectory import trajectory_variance
 
+HOLDING = "prior", "regulariser"  # roles of what holds vertices before the data
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
 FACE_TILT = 0.05  # [rad] as exact as touched faces come out
@@ -54,31 +55,33 @@ def polytope_information(at: Linearisation, solution, faces) -> Information:
     )  # fmt: skip
 
 
-def occam_of_vertices(kkt: KKTSystem) -> float:
+def occam_of_hull(kkt: KKTSystem) -> float:
+    """Return what the evidence loses by the vertices of a solved page [nats].
+
+    Before the data they are as open as the page's priors and its regulariser `stay`
+    leave them, about the ball where it ended.
+    """
+    costs, own = kkt.problem.costs, kkt.problem.variables["theta"].span
+    held = [name for name, cost in costs.items() if cost.role in HOLDING]
+    held = kkt.hessian(held)[own][:, own].toarray()
+    return occam_of_vertices(kkt.marginal("theta"), held)
+
+
+def occam_of_vertices(covariance, held) -> float:
     r"""Return what the evidence of a hull loses by its V vertices [nats].
 
         log(prior volume / posterior volume) - log(V! / (V - k)!)
 
-    k: how many vertices the data tell.  Before the data they are as open as the page's
-    priors and its regulariser `stay` leave them, about the ball where it ended.
+    k: how many vertices the data tell, a third of the directions that they do.  Each
+    order in which vertices can be listed is an optimum of its own as far as the data
+    tell them apart.  covariance (3 V, 3 V) by the Hessian; held (3 V, 3 V): what holds
+    them before the data (HOLDING), of which they lie within REACHED at least.
     """
-    problem, own = kkt.problem, kkt.problem.variables["theta"].span
-    roles = "prior", "regulariser"
-    held = [name for name, cost in problem.costs.items() if cost.role in roles]
-    values, vectors = np.linalg.eigh(kkt.hessian(held)[own][:, own].toarray())
+    values, vectors = np.linalg.eigh((held + held.T) / 2)
     prior = (vectors * np.maximum(values, 1 / REACHED**2)) @ vectors.T
-    lost, directions = occam_factor(kkt.marginal("theta"), prior)
-    return lost - labellings(len(values), directions)
-
-
-def labellings(coordinates: int, directions: float) -> float:
-    """Return log(V! / (V - k)!) of V vertices with so many coordinates, k of them told.
-
-    Each order in which they can be listed is an optimum of its own as far as the data
-    tell them apart.  directions: that the data tell, three a vertex.
-    """
-    V, k = coordinates / 3, directions / 3
-    return float(gammaln(V + 1) - gammaln(V - k + 1))
+    lost, directions = occam_factor(covariance, prior)
+    V, k = len(values) / 3, directions / 3
+    return float(lost - gammaln(V + 1) + gammaln(V - k + 1))
 
 
 def tangent_space_of_hull(problem, solution, R_wg) -> TangentSpace:

@@ -19,15 +19,14 @@ from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.sensor_noise import latency_cost
 from ..errors import OptionError, PageError, StartError, TactileError
-from ..information.error_budget_terms import ANY_ROTATION, REACHED, positive_part
+from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
     log_evidence,
-    occam_factor,
     odds_of,
 )
-from ..information.polytope_information import labellings
+from ..information.polytope_information import HOLDING, occam_of_vertices
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
@@ -152,23 +151,21 @@ def evidence_of(estimate, shape) -> float:
     """Return the log evidence of an estimate; -inf where its solve failed.
 
     The prior: the deviations of the sizes, a position within REACHED, any rotation.  As
-    many optima are alike as there are relabellings of the body's axes.  Of vertices:
-    what the page's priors and regularisers hold, and their orders (`labellings`).
+    many optima are alike as there are relabellings of the body's axes.  Of vertices as
+    a search compares their numbers (`occam_of_vertices`).
     """
     if not estimate.success:
         return -np.inf
     information, k = estimate.information, len(estimate.information.names)
     covariance = information.of_hessian().spread
-    if shape.parameters == "sizes":
-        free = k == shape.theta + 6
-        up = [R[2][2] > 0.5 or free for _, R in shape.symmetries]
-        sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
-        alike, prior = np.log(max(1, sum(up))), np.diag(1 / sigma**2)
-    else:
-        held = {"prior", "regulariser"} & {*information.roles.values()}
-        prior = positive_part(sum(information.part(role) for role in sorted(held)))
-        prior += np.eye(k) / REACHED**2
-        alike = labellings(k, occam_factor(covariance, prior)[1])
     late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
-    return log_evidence(cost, covariance, prior) + alike
+    if shape.parameters == "vertices":
+        roles = {*information.roles.values()}.intersection(HOLDING)
+        held = sum(information.part(role) for role in sorted(roles))
+        return -cost - occam_of_vertices(covariance, held)
+    free = k == shape.theta + 6
+    alike = sum(R[2][2] > 0.5 or free for _, R in shape.symmetries)
+    sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
+    evidence = log_evidence(cost, covariance, np.diag(1 / sigma**2))
+    return evidence + np.log(max(1, alike))

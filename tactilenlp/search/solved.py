@@ -13,7 +13,7 @@ from ..data.ground import frame_of
 from ..geometry.faces import touched_faces
 from ..information.information import FACE_COSINE
 from ..information.mixture import LocalOptimum, optimum_of
-from ..information.polytope_information import occam_of_vertices
+from ..information.polytope_information import occam_of_hull
 from ..information.tangent_space import TangentSpace, tangent_space_of
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
@@ -139,7 +139,7 @@ class Solved:
     @cached_property
     def occam(self) -> float:
         """What the evidence loses by vertices whose number it chooses [nats]."""
-        return occam_of_vertices(self.kkt) if self.job.shape.counts else 0.0
+        return occam_of_hull(self.kkt) if self.job.shape.counts else 0.0
 
     @property
     def touched(self) -> np.ndarray:
