@@ -53,8 +53,10 @@ def test_times_go_on_after_those_that_are_kept(begun, resumed):
     assert again.estimate.objective == last.estimate.objective
 
 
-def test_a_kept_choice_is_repeated_from_its_seed_and_older_files_have_none(begun, file):
-    *_, last = explore(fresh(), file=file, **SAME | {"actions": 1})
+def test_a_kept_choice_is_repeated_from_its_seed_and_older_files_have_none(
+    begun, resumed, tmp_path
+):
+    last, file, _ = resumed
     kept = Exploration.load(file).at(1).choice
     given = {"search": kept.search, "budget": kept.evaluations, "seed": kept.seed}
     again = choose_action(begun[0].estimate, last.action.workspace, **given)
@@ -64,8 +66,9 @@ def test_a_kept_choice_is_repeated_from_its_seed_and_older_files_have_none(begun
     header = json.loads(str(arrays["header"]))
     choice = header["content"]["fields"]["steps"]["list"][1]["fields"]["choice"]
     del choice["fields"]["seed"]
-    np.savez(file, **arrays | {"header": np.array(json.dumps(header))})
-    assert Exploration.load(file).at(1).choice.seed is None
+    older = tmp_path / "older.npz"
+    np.savez(older, **arrays | {"header": np.array(json.dumps(header))})
+    assert Exploration.load(older).at(1).choice.seed is None
 
 
 def test_a_replayed_world_measures_as_if_nothing_had_happened(begun, file, caplog):
