@@ -8,7 +8,6 @@ import pytest
 from formulations import violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Problem, SolverOptions
-from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
@@ -40,9 +39,11 @@ def test_a_cuboid_with_rounded_edges_has_the_same_faces_and_is_smaller_at_edges(
 
 
 @pytest.mark.slow
-def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(estimate):
-    scene, programme = estimate.scene, programme_at(estimate)
-    window, kkt = programme.window, kkt_system_of(programme.problem, programme.solution)
+def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
+    estimate, programme
+):
+    scene, window = estimate.scene, programme.window
+    kkt = kkt_system_of(programme.problem, programme.solution)
     at = Linearisation(kkt, programme.job, window)
     theta = kkt.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
