@@ -197,7 +197,7 @@ def test_a_can_adapter_that_is_pulled_out_ends_it_within_200_ms(tmp_path, termin
             setup.world.execute(FREE)
         assert setup.robot.now() - due < 0.2
         setup.robot.sleep(0.12)  # the board behind it hears nothing: its time-out
-        boards = [board for one in setup.robot.fingers for board in one.boards]
+        boards = setup.boards
         assert not any(board.current.any() for board in boards)
         for board in boards[:2] + boards[3:]:
             assert not board.reference.any()
