@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import RECORDED
+from programmes import octahedron
 from test_plotting import BAND, MM, PLOTS, labelled
 
-from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp import solve_estimate
 from tactilenlp.plotting.faces import faces_of
 from tactilenlp.plotting.scene import plot_top
 
@@ -13,10 +13,9 @@ from tactilenlp.plotting.scene import plot_top
 @pytest.fixture(scope="module")
 def hull():
     """A polytope after two actions: least motion is enough for a picture."""
-    file = RECORDED.with_name("polytope.npz")
-    data = Measurements.load(file).select(range(2))
+    data, scene, _ = octahedron(2)
     how = {"shape": "polytope", "formulation": "quasi_static", "throw": False}
-    return solve_estimate(data, Scene.load(file), **how)
+    return solve_estimate(data, scene, **how)
 
 
 @pytest.mark.slow

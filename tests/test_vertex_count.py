@@ -7,22 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from programmes import octahedron
 from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 from scipy.special import gammaln
-from trimesh.convex import convex_hull
 
 import tactilenlp
 from formulations import polytope_violation_implicit
 from formulations.polytope import COUNTS, polytope
-from tactilenlp import (
-    Measurements,
-    Options,
-    Scene,
-    example_recording,
-    solve_estimate,
-    surface_distance,
-)
+from tactilenlp import Options, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.information.mixture import occam_factor
 from tactilenlp.information.polytope_information import (
@@ -166,11 +158,7 @@ def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():
 
 @pytest.fixture(scope="module")
 def shipped():
-    file = example_recording("polytope")
-    with np.load(file) as true:
-        turn = Rotation.from_quat(true["object_quaternion"][-1], scalar_first=True)
-        body = convex_hull(turn.apply(true["vertices"]) + true["object_position"][-1])
-    return Measurements.load(file), Scene.load(file), body
+    return octahedron(9)  # all of its actions
 
 
 @pytest.mark.slow
