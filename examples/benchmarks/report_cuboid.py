@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from study import table
+import study
 
 FULL = 6  # actions of the recordings that the targets are about
 REACHED = 0.5  # [nats] an objective this close to the truth-started one is the same
@@ -29,8 +29,7 @@ def select(rows, **wanted) -> list[dict]:
 
 
 def grouped(rows, *names) -> dict[tuple, list[dict]]:
-    keys = sorted({tuple(row[name] for name in names) for row in rows})
-    return {k: select(rows, **dict(zip(names, k, strict=True))) for k in keys}
+    return dict(sorted(study.grouped(rows, *names).items()))
 
 
 def column(rows, name) -> np.ndarray:
@@ -132,7 +131,7 @@ TARGETS = (  # runs, what it is, the most (or range) that it may be; how, as abo
 
 def print_table(rows) -> None:
     """Print one line for each way of estimating and number of actions [mm]."""
-    print(table([
+    print(study.table([
         dict(zip(WAY, way, strict=True)) | {k: figure(r, *q) for k, q in TABLE.items()}
         for way, r in grouped(rows, *WAY).items()
     ]))  # fmt: skip
