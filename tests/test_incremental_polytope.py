@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from programmes import OCTAHEDRON
+from programmes import octahedron
 
 from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
-from tactilenlp import Measurements, Scene, solve_estimate
+from tactilenlp import solve_estimate
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
@@ -23,20 +23,14 @@ PAGE = polytope_violation_implicit
 
 
 @pytest.fixture(scope="module")
-def octahedron():
-    return Measurements.load(OCTAHEDRON), Scene.load(OCTAHEDRON)
+def early():
+    data, scene, _ = octahedron(3)
+    return solve_estimate(data, scene, shape=polytope(20))
 
 
-@pytest.fixture(scope="module")
-def early(octahedron):
-    data, scene = octahedron
-    return solve_estimate(data.select(range(3)), scene, shape=polytope(20))
-
-
-def job_of(octahedron, actions):
-    data, scene = octahedron
-    options = Options()
-    job = make_job(data.select(range(actions)), scene, polytope(20), options, 0.0, PAGE)
+def job_of(actions):
+    data, scene, _ = octahedron(actions)
+    job = make_job(data, scene, polytope(20), Options(), 0.0, PAGE)
     return replace(job, deadline=NEVER)
 
 
@@ -45,8 +39,8 @@ def rejected_an_update(caplog):
 
 
 @pytest.mark.slow
-def test_an_action_more_ends_no_worse_than_all_from_scratch(octahedron, early, caplog):
-    data, scene = octahedron[0].select(range(4)), octahedron[1]
+def test_an_action_more_ends_no_worse_than_all_from_scratch(early, caplog):
+    data, scene, _ = octahedron(4)
     caplog.set_level(logging.INFO, "tactilenlp")
     later = solve_estimate(data, scene, shape=polytope(20), start=early)
     assert not rejected_an_update(caplog)
@@ -58,8 +52,8 @@ def test_an_action_more_ends_no_worse_than_all_from_scratch(octahedron, early, c
 
 
 @pytest.mark.slow
-def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, caplog):
-    data, scene = octahedron[0].select(range(4)), octahedron[1]
+def test_a_touch_that_no_hull_explains_sends_the_whole_way(early, caplog):
+    data, scene, _ = octahedron(4)
     wrong = early.unknowns["theta"] * [[0.5], [0.5], [1.0]]  # far inside every touch
     doubtful = replace(early, unknowns=early.unknowns | {"theta": wrong})
     caplog.set_level(logging.INFO, "tactilenlp")
@@ -68,19 +62,19 @@ def test_a_touch_that_no_hull_explains_sends_the_whole_way(octahedron, early, ca
 
 
 @pytest.mark.slow
-def test_only_an_estimate_of_all_actions_but_one_is_extended(octahedron, early):
-    assert incremental_polytope.is_one_action_more(early, job_of(octahedron, 4))
-    assert not incremental_polytope.is_one_action_more(early, job_of(octahedron, 5))
-    assert not incremental_polytope.is_one_action_more(early, job_of(octahedron, 3))
-    assert not incremental_polytope.is_one_action_more(None, job_of(octahedron, 4))
+def test_only_an_estimate_of_all_actions_but_one_is_extended(early):
+    assert incremental_polytope.is_one_action_more(early, job_of(4))
+    assert not incremental_polytope.is_one_action_more(early, job_of(5))
+    assert not incremental_polytope.is_one_action_more(early, job_of(3))
+    assert not incremental_polytope.is_one_action_more(None, job_of(4))
     failed = replace(early, success=False)
-    assert not incremental_polytope.is_one_action_more(failed, job_of(octahedron, 4))
+    assert not incremental_polytope.is_one_action_more(failed, job_of(4))
 
 
 @pytest.mark.slow
-def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
+def test_the_past_is_posed_again_as_it_was_solved(early):
     past = incremental_polytope.past_solution(
-        replace(job_of(octahedron, 4), cuts=early.cuts), early
+        replace(job_of(4), cuts=early.cuts), early
     )
     x, data = past.problem.pack(early.unknowns), past.problem.data()
     for name in past.problem.costs:
@@ -100,8 +94,8 @@ def test_the_past_is_posed_again_as_it_was_solved(octahedron, early):
 
 
 @pytest.mark.slow
-def test_the_window_of_an_action_is_that_of_its_samples(octahedron, early):
-    job = job_of(octahedron, 4)
+def test_the_window_of_an_action_is_that_of_its_samples(early):
+    job = job_of(4)
     past = incremental_polytope.past_solution(replace(job, cuts=early.cuts), early)
     samples = past.at.x.shape[1]
     more = job.data.samples - samples
