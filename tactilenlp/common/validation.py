@@ -53,12 +53,13 @@ def numbers_of(
     shape: sizes; a word stands for any size, `...` in front for any axes of any size.
     NaN and infinity are numbers, unless `finite`.
     """
-    array, shape = as_floats(value), shape or (...,)
+    given, shape = as_array(value), shape or (...,)
+    array = as_floats(given)
     any_axes = shape[0] is ...
     sizes = shape[any_axes:]
     tail = array.shape[array.ndim - len(sizes) :] if any_axes else array.shape
     fit = all(isinstance(n, str) or n == m for n, m in zip(sizes, tail, strict=False))
-    known = np.isfinite(array).all() if finite else as_array(value) is not None
+    known = np.isfinite(array).all() if finite else given is not None
     if fit and known and len(tail) == len(sizes):
         return array
     words = ", ".join("..." if n is ... else str(n) for n in shape)
