@@ -11,7 +11,13 @@ from ..errors import typed_call
 from .measurements import Measurements
 
 MOST_SEED = 2**128 - 1  # numpy.random.SeedSequence draws 128 bits
-NOISE_UNITS = {"position": "m", "bias": "m", "normal": "rad"}  # else probabilities
+MOST_NOISE = {  # largest value, and its unit
+    "position": (np.finfo(float).max, "m"),
+    "bias": (np.finfo(float).max, "m"),
+    "normal": (np.finfo(float).max, "rad"),
+    "flips": (1.0, ""),
+    "dropped": (1.0, ""),
+}
 
 
 @typed_call()
@@ -36,9 +42,7 @@ class Noise:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("position", "bias", "normal", "flips", "dropped"):
-            unit = NOISE_UNITS.get(name, "")
-            most = np.finfo(float).max if unit else 1.0
+        for name, (most, unit) in MOST_NOISE.items():
             check_range(f"Noise.{name}", getattr(self, name), 0, most, unit)
         check_whole("Noise.seed", self.seed, 0, MOST_SEED)
 
