@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .rig import FingerRig
 
 BLOCK = 5000  # [rows] that are made an array at once: 5 ms
-LOST = 1.5  # [1], ratio to the median interval from which samples are lost
+LOST = 1.5  # [1], ratio to the told or median interval from which samples are lost
 
 
 @dataclass(frozen=True)
