@@ -13,7 +13,6 @@ import logging
 from dataclasses import dataclass, replace
 from functools import partial
 
-from ..common.deadline import OutOfTime
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
@@ -243,17 +242,14 @@ def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[S
         larger = from_starts(free, [first] if alone else [first, *starts])
         return [s for s in larger if s.job is free]
 
-    try:
-        solved = earlier if enough else from_starts(job, starts, earlier)
-    except OutOfTime:
-        job.deadline.omit(OTHER_SOLVES)
-        return solves.best_first()
+    solved = []
     with job.deadline.ending(OTHER_SOLVES):
+        solved = earlier if enough else from_starts(job, starts, earlier)
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_latency(solved)
         if not newly_late(request.job, solved[0].job):
             solved = repaired(_with_larger_models(solved, freed), update)
-    return solved
+    return solved or solves.best_first()
 
 
 def _with_larger_models(flat, freed) -> list[Solved]:
