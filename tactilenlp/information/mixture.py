@@ -36,7 +36,7 @@ from formulations.rigid_body import ARM
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
 from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose
-from .tangent_space import tangent_space_of, widest_deviations
+from .tangent_space import TangentSpace, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
@@ -59,12 +59,11 @@ class LocalOptimum(NamedTuple):
     window: object = None
 
 
-def optimum_of(kkt: KKTSystem, solution, window, shape, R_wg) -> LocalOptimum:
+def optimum_of(kkt: KKTSystem, at: TangentSpace, solution, window) -> LocalOptimum:
     """Return where a solve ended, with the covariance by the Hessian.
 
-    R_wg (3, 3): from the ground's frame, in which the problem is written, to the world.
+    at: the coordinates of shape and final pose there.
     """
-    at = tangent_space_of(kkt.problem, solution, window, shape, R_wg)
     C = kkt.marginal(at.chosen)
     C = at.jacobian @ ((C + C.T) / 2) @ at.jacobian.T
     return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)

@@ -175,9 +175,7 @@ class Solved:
     @cached_property
     def optimum(self) -> LocalOptimum:
         """Shape and final pose of a shape with sizes, covariance by the Hessian."""
-        R_wg = frame_of(self.job.scene.ground).rotation.T
-        arguments = self.kkt, self.solution, self.window, self.job.shape
-        return optimum_of(*arguments, R_wg)
+        return optimum_of(self.kkt, self.tangent, self.solution, self.window)
 
 
 def best_first(solved) -> list[Solved]:
