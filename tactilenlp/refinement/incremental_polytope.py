@@ -29,7 +29,7 @@ from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import continued, warm_started
 from ..search.plane_slam import poses_of_new_action
-from ..search.polytope_init import credible_data, faces_of, has_likely_count
+from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
 from ..search.solved import (
     ACCEPTABLE,
     BuiltPage,
@@ -167,8 +167,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
 
     about: information (3 V, 3 V) about the vertices of the past.
     """
-    data = credible_data(job.data, job.precision.normal)
-    lean = replace(job, data=data, reductions=Reductions())
+    lean = with_credible_touches(replace(job, reductions=Reductions()))
     h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
     settings, solution = search_settings(job, **ACCEPTABLE), past.solution
     for build, levels in (

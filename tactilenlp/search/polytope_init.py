@@ -125,7 +125,7 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
     At a deadline the body stays where it is after the actions done.
     Raises NoContactError where no touch is credible.
     """
-    job = replace(job, data=credible_data(job.data, job.precision.normal))
+    job = with_credible_touches(job)
     faces, action = [faces_of(job, kept[0])] if kept else [], job.data.action
     ends = np.searchsorted(action, np.unique(action), side="right").tolist()
     ends = [last for last in ends if job.data.contact[:last].any()]
@@ -197,8 +197,7 @@ def has_likely_count(job, h: Hypothesis) -> bool:
     """
     if not job.shape.counts or job.deadline.passed("other numbers of vertices"):
         return True
-    data = credible_data(job.data, job.precision.normal)
-    job = replace(job, data=data, reductions=Reductions())
+    job = with_credible_touches(replace(job, reductions=Reductions()))
     try:
         bodies = bodies_from(job, faces_of(job, h), job.shape.counts)
     except TactileError:  # planes of touches that noise moved close no body
@@ -252,18 +251,18 @@ def polished(job, body: Hypothesis) -> Solved:
     return replace(solved, hypothesis=replace(body, iterations=iterations))
 
 
-def credible_data(data, sigma: float):
-    """Return the data without touches that no neighbour confirms.
+def with_credible_touches(job):
+    """Return the job without touches that no neighbour confirms.
 
     Raises NoContactError where none is left.
     """
-    left = without_outliers(data, sigma)
-    if left.contact.any():
-        return left
+    data = without_outliers(job.data, job.precision.normal)
+    if data.contact.any():
+        return replace(job, data=data)
     raise NoContactError(
         "no touch is confirmed by its neighbours",
         where="normal",
-        got=f"{int(data.contact.sum())} touches, none like another",
+        got=f"{int(job.data.contact.sum())} touches, none like another",
         expected="a finger that feels about one normal for two samples or more",
         next="check the frame of the normals, or record a touch that lasts",
     )
