@@ -47,8 +47,8 @@ class Ground(NamedTuple):
 
     def in_world(self, lam):
         """Return an impulse (normal, t1, t2) in the world frame [N s]."""
-        n, t_1, t_2 = self.frame()
-        return lam[0] * n + lam[1] * t_1 + lam[2] * t_2
+        n, *tangents = self.frame()
+        return contact.impulse(lam, n, tangents)
 
 
 class Corner(NamedTuple):
