@@ -92,7 +92,8 @@ def build(nlp, window, scene, shape):
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], sensed(f))
     ground(nlp, window, scene, body, theta, x, lam_g, w)
-    finger_contact.report(nlp, window, body.fingers, theta, x, Impulses(lam, mu, w))
+    pushes = Impulses(lam, mu, now.w)
+    finger_contact.report(nlp, window, body.fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, body.ground.impulse, lam_g)
 
 
