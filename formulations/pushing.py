@@ -89,7 +89,7 @@ class Pushed:
     law: tuple
 
     def touched(self, s, d):
-        """Return p, gap, slope of the gap, n, across and u of each finger at s + d."""
+        """Return r, gap, slope of the gap, n, across and u of each finger at s + d."""
         at, found = moved(self.pose, s + d), []
         for r, p, rho in self.fingers:
             phi, n, slope = contact_of(self.shape, self.finger, self.theta, at, r, rho)
