@@ -128,7 +128,7 @@ def sliding(nlp, name, velocity, now, at, mu, eps):
 
 def separation(nlp, fingers, now, at, eps):
     """Add non-penetration; complementarity and inelasticity within eps."""
-    depth, apart = nlp.variables["depth"], at._replace(lam=None)
+    depth, apart = nlp.variables[names.DEPTH_OF_TOUCH], at._replace(lam=None)
 
     def gap(theta, x, depth, at):
         return (fingers.gap(theta, x, at) + depth) / MM

@@ -29,7 +29,7 @@ import casadi as ca
 from . import contact, indentation, sensing
 from .contact import MM
 from .friction import sliding_of
-from .names import FINGER_IMPULSE
+from .names import FINGER_IMPULSE, TOUCH_SCALE
 from .rigid_body import steps_of
 
 UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
@@ -175,7 +175,7 @@ def unseen(nlp, window, fingers, theta, x, pushes):
     nlp.minimize(
         "unseen finger", fingers.unseen, pushes.part(theta, rows),
         x[:, window.step.pose[f.step]], sensed(f, lam[:, rows]), inside, w[rows],
-        p["kappa"], p["touch scale"], role="likelihood",
+        p["kappa"], p[TOUCH_SCALE], role="likelihood",
     )  # fmt: skip
     nlp.minimize(
         "lasting push", fingers.lasting, lam[:, now], lam[:, before], w[now], w[before],

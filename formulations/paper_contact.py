@@ -14,6 +14,7 @@ import casadi as ca
 
 from . import contact
 from .contact import MM
+from .names import FINGER, GROUND
 from .rigid_body import G
 
 LAM_MAX = 2.0  # [weights] of the normal impulse of one contact
@@ -27,8 +28,8 @@ def impulses(nlp, window, scene, shape):
               "unit": "N s", "scale": size}  # fmt: skip
     corners = len(shape.corners) * bool(len(corner))
     guess, guess_g = [size / 10, 0, 0], [size / max(1, corners), 0, 0]
-    lam = nlp.variable("finger", 3, len(push), guess=guess, **bounds)
-    return lam, nlp.variable("ground", 3, len(corner), guess=guess_g, **bounds)
+    lam = nlp.variable(FINGER, 3, len(push), guess=guess, **bounds)
+    return lam, nlp.variable(GROUND, 3, len(corner), guess=guess_g, **bounds)
 
 
 def maximum_dissipation(nlp, name, velocity, now, at):

@@ -24,7 +24,7 @@ import casadi as ca
 
 from . import between_actions, sensing
 from .level import Level
-from .names import TOUCH_TERM
+from .names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 from .quasi_static import WAY_EPS, least_motion
 from .shape import positive_part
 
@@ -58,8 +58,8 @@ def build(nlp, window, scene, shape):
         "plane", 4, window.planes, guess=[1, 0, 0, 0], unit="1, 1, 1, m",
         scale=(0.05, 0.05, 0.05, 1e-3),
     )  # fmt: skip
-    touch = nlp.parameter("touch scale", ca.hypot(TOUCH, sigma_p), "m")
-    normal = nlp.parameter("normal scale", ca.hypot(NORMAL, sigma_n), "rad")
+    touch = nlp.parameter(TOUCH_SCALE, ca.hypot(TOUCH, sigma_p), "m")
+    normal = nlp.parameter(NORMAL_SCALE, ca.hypot(NORMAL, sigma_n), "rad")
     nlp.parameter("behind", ca.hypot(BEHIND, sigma_p), "m")
     body = Touched(shape, motion, window.outlier_cost)
     nlp.minimize(
