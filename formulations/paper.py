@@ -87,7 +87,7 @@ def build(nlp, window, scene, shape):
     now, at = steps_of(step, theta, x, w[push.step], push.step), pushing(push, lam)
     g.maximum_dissipation(nlp, "finger", velocity, now, at)
     g.friction_cone(nlp, "finger", now.w, lam, mu)
-    g.complementarity(nlp, "finger", gap, now, at)
+    g.complementarity(nlp, "finger", gap, now, sensed(push, lam))
     g.inelasticity(nlp, "finger", velocity, now, at)
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], sensed(f))
