@@ -124,17 +124,26 @@ class KKTSystem:
     ambiguous: dict[str, int]
     curvature: sp.csc_matrix
 
-    @cached_property
+    @property
     def hessians(self) -> dict[str, sp.csc_matrix]:
         """That of every cost, and of every constraint times its multipliers, SI."""
-        weight, at = self.multipliers, (self.x, self.data)
-        terms = self.problem.terms
-        return {n: self.problem.hessian(n, *at, weight.get(n, 1.0)) for n in terms}
+        return {name: self._hessian_of(name) for name in self.problem.terms}
 
     def hessian(self, names: Iterable[str]) -> sp.csc_matrix:
         """Return the sum of the Hessians of some terms, SI."""
         zero = sp.csc_matrix((len(self.x), len(self.x)))
-        return sum((self.hessians[name] for name in names), zero)
+        return sum((self._hessian_of(name) for name in names), zero)
+
+    def _hessian_of(self, name: str) -> sp.csc_matrix:
+        if name not in self._computed:
+            weight = self.multipliers.get(name, 1.0)
+            self._computed[name] = self.problem.hessian(name, self.x, self.data, weight)
+        return self._computed[name]
+
+    @cached_property
+    def _computed(self) -> dict[str, sp.csc_matrix]:
+        """The Hessians that were asked for by now, by name."""
+        return {}
 
     def sensitivity(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return sensitivities of k chosen unknowns: (unknowns, k) and (rows, k), SI.
