@@ -40,10 +40,13 @@ def kkt_of(shares) -> SimpleNamespace:
     """
     each = np.repeat(shares, 3)
     prior = sp.diags(np.full(len(each), PRIOR)).tocsc()
-    costs = {"ball prior": SimpleNamespace(role="prior")}
+    costs = {"ball prior": "prior"}
     theta = SimpleNamespace(span=slice(0, len(each)))
     return SimpleNamespace(
-        problem=SimpleNamespace(costs=costs, variables={"theta": theta}),
+        problem=SimpleNamespace(
+            costs_of=lambda *roles: [name for name in costs if costs[name] in roles],
+            variables={"theta": theta},
+        ),
         hessian=lambda names: len([*names]) * prior,
         marginal=lambda _: np.diag(each / PRIOR),
     )

@@ -230,11 +230,9 @@ def errors_of_model(response: Response) -> Iterator[tuple[str, np.ndarray]]:
     """Yield name and covariance (k, k) of each error of priors and physics."""
     at, kkt, problem = response.at, response.at.kkt, response.at.kkt.problem
     by_gradient, by_constraint = response.by_gradient, response.by_constraint
-    roles = {name: term.role for name, term in problem.costs.items()}
-    priors = [name for name, role in roles.items() if role in PRIORS]
+    priors = problem.costs_of(*PRIORS)
     yield OF_PRIORS, curvature_of_costs(kkt, by_gradient, priors)
-    physics = [name for name, role in roles.items() if role == "physics"]
-    physics += problem.constraints
+    physics = [*problem.costs_of("physics"), *problem.constraints]
     yield "physics", PHYSICS * curvature_of_costs(kkt, by_gradient, physics)
     yield "missing impulses", PHYSICS * missing_impulses(kkt, by_constraint)
     yield "regularisation", regularisation(kkt, by_gradient)

@@ -145,8 +145,7 @@ def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
     have changed on the way to them (n, u); see `stick_slip`.
     """
     problem, x = kkt.problem, kkt.problem.variables["x"]
-    physics = [n for n, term in problem.costs.items() if term.role == "physics"]
-    H, moved = kkt.hessian(physics), []
+    H, moved = kkt.hessian(problem.costs_of("physics")), []
     for samples, ways in moves:
         later = samples > window.last[:, None]  # (poses, samples)
         off = np.zeros((x.columns, x.rows))

@@ -196,7 +196,7 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     if len(window.gap):
         terms[BETWEEN_ACTIONS] = _largest_motion(poses, window)
     if not window.compliant and (n := len(touches)):
-        laws = [c.name for c in problem.costs.values() if c.role == PHYSICS_ROW]
+        laws = problem.costs_of(PHYSICS_ROW)
         cost = sum(float(problem.value(name, x, data).sum()) for name in laws)
         terms[PHYSICS_ROW] = Misfit(cost, n, n**0.5)
     verdict, widening = verdict_of(total, *(terms[n] for n in BESIDES if n in terms))

@@ -158,8 +158,7 @@ def occam_of(kkt: KKTSystem, name: str) -> float:
     Its information before the data is that of the page's priors.
     """
     problem, own = kkt.problem, kkt.problem.variables[name].span
-    priors = (k.name for k in problem.costs.values() if k.role == "prior")
-    prior = kkt.hessian(priors)[own][:, own].toarray()
+    prior = kkt.hessian(problem.costs_of("prior"))[own][:, own].toarray()
     return occam_factor(kkt.marginal(name), prior)[0]
 
 

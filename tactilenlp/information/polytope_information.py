@@ -13,14 +13,13 @@ from ..common.validation import check_types
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.transforms import directions_in_body
 from ..nlp.kkt import KKTSystem
-from .error_budget import Linearisation, errors_by_name, summed
+from .error_budget import PRIORS, Linearisation, errors_by_name, summed
 from .error_budget_terms import REACHED
 from .information import Information, at_solution
 from .mixture import occam_factor, one_mode
 from .tangent_space import TangentSpace
 from .trajectory import trajectory_variance
 
-HOLDING = "prior", "regulariser"  # roles of what holds vertices before the data
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
 FACE_TILT = 0.05  # [rad] as exact as touched faces come out
@@ -61,9 +60,8 @@ def occam_of_hull(kkt: KKTSystem) -> float:
     Before the data they are as open as the page's priors and its regulariser `stay`
     leave them, about the ball where it ended.
     """
-    costs, own = kkt.problem.costs, kkt.problem.variables["theta"].span
-    held = [name for name, cost in costs.items() if cost.role in HOLDING]
-    held = kkt.hessian(held)[own][:, own].toarray()
+    problem, own = kkt.problem, kkt.problem.variables["theta"].span
+    held = kkt.hessian(problem.costs_of(*PRIORS))[own][:, own].toarray()
     return occam_of_vertices(kkt.marginal("theta"), held)
 
 
@@ -75,7 +73,7 @@ def occam_of_vertices(covariance, held) -> float:
     k: how many vertices the data tell, a third of the directions that they do.  Each
     order in which vertices can be listed is an optimum of its own as far as the data
     tell them apart.  covariance (3 V, 3 V) by the Hessian; held (3 V, 3 V): what holds
-    them before the data (HOLDING), of which they lie within REACHED at least.
+    them before the data (PRIORS), of which they lie within REACHED at least.
     """
     values, vectors = np.linalg.eigh((held + held.T) / 2)
     prior = (vectors * np.maximum(values, 1 / REACHED**2)) @ vectors.T

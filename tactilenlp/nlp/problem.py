@@ -143,6 +143,10 @@ class Problem:
     def terms(self) -> dict[str, Term]:
         return {**self.costs, **self.constraints}
 
+    def costs_of(self, *roles: str) -> list[str]:
+        """Return the names of the costs of these roles."""
+        return [name for name, cost in self.costs.items() if cost.role in roles]
+
     # -- vectors ----------------------------------------------------------------------
     def data(self, changes: dict | None = None) -> np.ndarray:
         """Return the vector of all data, with some parameters changed by name."""

@@ -19,6 +19,7 @@ from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.sensor_noise import latency_cost
 from ..errors import OptionError, PageError, StartError, TactileError
+from ..information.error_budget import PRIORS
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.mixture import (
     distinct_modes,
@@ -26,7 +27,7 @@ from ..information.mixture import (
     log_evidence,
     odds_of,
 )
-from ..information.polytope_information import HOLDING, occam_of_vertices
+from ..information.polytope_information import occam_of_vertices
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
@@ -161,7 +162,7 @@ def evidence_of(estimate, shape) -> float:
     late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
     if shape.parameters == "vertices":
-        roles = {*information.roles.values()}.intersection(HOLDING)
+        roles = {*information.roles.values()}.intersection(PRIORS)
         held = sum(information.part(role) for role in sorted(roles))
         return -cost - occam_of_vertices(covariance, held)
     free = k == shape.theta + 6

@@ -208,7 +208,7 @@ def _costs(job, motions) -> list[float]:
     problem = replace(job, page=quasi_static).build(window)
     built = BuiltPage(problem, window, None)
     data = problem.data(quasi_static.LEVELS[0].parameters)
-    names = [n for n, t in problem.costs.items() if t.role in ("likelihood", "prior")]
+    names = problem.costs_of("likelihood", "prior")
 
     def cost(h):
         x = problem.pack(built.values_at(h))
