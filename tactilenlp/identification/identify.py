@@ -69,7 +69,7 @@ def identify_body(
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options, time_limit)
     began, deadline = time.process_time(), Deadline.within(time_limit)
-    solves = deadline.until(Deadline.within((1 - READOUT_SHARE) * time_limit).at)
+    solves = deadline.until(deadline.at - READOUT_SHARE * time_limit)
     with deadline.spending(STARTS):
         steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
     options = replace(options, deadline=solves.until(options.deadline.at))
@@ -77,7 +77,7 @@ def identify_body(
     if throw and not found[2].success:
         raise not_converged(found[0], found[2])
     known = trajectories, scene, shape, steps, signs, ruler
-    body = _read_off(*known, *found, _covariance(found[0], found[2], deadline))
+    body = _read_off(*known, *found, deadline)
     seconds = body.seconds | {"total": time.process_time() - began}
     return replace(body, seconds=seconds, status=deadline.marked(body.status))
 
@@ -205,12 +205,12 @@ def _covariance(problem, solution, deadline) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_off(
     trajectories, scene, shape, steps, signs, ruler, problem, window, solution, chosen,
-    spread,
+    deadline,
 ) -> Body:  # fmt: skip
     left = len(chosen) - len(window.step), int(steps.resting.sum())
     words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     values = {k: v.squeeze() for k, v in solution.values.items()}
-    C, names = spread
+    C, names = _covariance(problem, solution, deadline)
     deviation = np.sqrt(np.where(np.diag(C) < 0, np.inf, np.diag(C)))
     sigma = {name: deviation[names == name].squeeze() for name in WITH_SIGMA}
     corners = (solution.values["theta"] * signs).T
