@@ -51,18 +51,17 @@ def solve_estimate(
 
     data: Measurements, in whose frame the estimate is.  scene: what is known; Scene()
     has mass and frictions of the recorded scenes, on level ground: give your own.
-    shape: "cuboid", "polytope" (4 to 20 vertices, by evidence), polytope(30), a
-    Shape, or a list of them, or "auto": the class of the largest evidence is returned,
-    with the odds of all in estimate.classes.  formulation: "quasi_static",
-    "violation_implicit", "multiple_shooting", "shooting", "complementarity", "paper" or
-    a page (module with `build`, `LEVELS`).  start: an earlier Estimate of the first
-    actions (for a polytope: of any shape), even of a part of an action that still runs,
-    or a Guess.  executor: of concurrent.futures, of processes.  session: keeps term
-    functions for solves that start from this estimate; by default one for the process.
+    shape: "cuboid", "polytope" (4 to 20 vertices, by evidence), polytope(30), a Shape,
+    or a list of them, or "auto": the class of the largest evidence is returned, the
+    odds of all in estimate.classes.  formulation: "quasi_static", "violation_implicit",
+    "multiple_shooting", "shooting", "complementarity", "paper" or a page (module with
+    `build`, `LEVELS`).  start: an earlier Estimate of the first actions (for a
+    polytope: of any shape), even of a part of an action that still runs, or a Guess.
+    executor: of concurrent.futures, of processes.  session: keeps term functions for
+    solves that start from this estimate; by default one for the process.
 
     Read estimate.summary(), .fit and .remarks before a size: one that no touch
     determines has a wide sigma.  The first call compiles, for up to half a minute.
-
     Raises NoContactError, MistakeError, MeasurementError, SceneError, OptionError or
     StartError before any solve, and NotConverged or MotionError after it unless `throw`
     is False; their `estimate` is what throw=False returns, also where the time limit

@@ -58,11 +58,7 @@ def read_off(
     body = read(job, solved)
     information = information_in_time(job, solved, body.faces, modes)
     status = deadline.marked(solution.status)
-    left = variance_left(job.data, job.precision)
-    fit = fit_of(solved.problem, solution, solved.window, job.data, left)
-    fit = with_doubts(fit, solved.skipped)
-    if solution.success:
-        fit = with_suspicion(fit, job, request.data)
+    fit = fit_of_page(solved, job, request.data)
     if fit is not None:
         if NOT_COMPUTED in information.unobserved:  # sigma is that of the prior
             fit = replace(fit, widening=1.0)
@@ -85,6 +81,14 @@ def read_off(
         versions=versions(),
         **_solved_fields(solved) | {"status": status, "seconds": seconds},
     )
+
+
+def fit_of_page(solved, job, measured):
+    """Return the Fit of a solved page, if it states one; measured: as it was given."""
+    left = variance_left(job.data, job.precision)
+    fit = fit_of(solved.problem, solved.solution, solved.window, job.data, left)
+    fit = with_doubts(fit, solved.skipped)
+    return with_suspicion(fit, job, measured) if solved.solution.success else fit
 
 
 def with_doubts(fit, skipped):

@@ -37,23 +37,17 @@ def animate(
 
     view: "scene" (3-D) or "top".  truth: as in plot_scene.  every: [1] samples from one
     frame to the next; rate: [1/s] frames per second; axis: to draw into, 3-D for
-    "scene".
-
-    Raises OptionError for another suffix or view, or where ffmpeg is not installed.
+    "scene".  Raises OptionError for another suffix or view, or without ffmpeg.
     """
     check_types(estimate=(estimate, Estimate))
-    writer = _writer_of(path, view, every, rate)
-    if truth is not None:  # an error during the film would leave an incomplete file
-        true_corners(truth, 0)
+    writer = _writer_of(path, view, every, rate, truth)
     solid, alone = {"projection": "3d"} if view == "scene" else {}, axis is None
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
         axis = one_axis(axis, 4.6, 4.4, **solid)
-        figure = axis.figure
         if alone:  # room for a key, and for labels in 3-D
-            figure.get_layout_engine().set(rect=(0, 0, 0.93, 1))
-        samples = range(0, len(estimate.position), every)
+            axis.figure.get_layout_engine().set(rect=(0, 0, 0.93, 1))
+        samples, data = range(0, len(estimate.position), every), estimate.measurements
         box = view_of(estimate, samples)
-        data = estimate.measurements
 
         def draw(sample):
             axis.clear()
@@ -62,15 +56,20 @@ def animate(
             if alone:
                 _renew_key(axis)
 
-        frames = progress(samples, "drawing")
         film = FuncAnimation(
-            figure, draw, frames, init_func=lambda: None, save_count=len(samples)
-        )
-        with TemporaryDirectory() as folder:
-            part = Path(folder, Path(path).name)
-            film.save(part, writer(fps=rate))
-            write_whole(path, part.read_bytes())
-    return figure
+            axis.figure, draw, progress(samples, "drawing"), init_func=lambda: None,
+            save_count=len(samples),
+        )  # fmt: skip
+        _save(film, path, writer(fps=rate))
+    return axis.figure
+
+
+def _save(film: FuncAnimation, path, writer) -> None:
+    """Draw the frames of a film; its file is written whole."""
+    with TemporaryDirectory() as folder:
+        part = Path(folder, Path(path).name)
+        film.save(part, writer)
+        write_whole(path, part.read_bytes())
 
 
 def _renew_key(axis) -> None:
@@ -80,7 +79,7 @@ def _renew_key(axis) -> None:
     with_key(axis.figure, axis, loc="outside lower center", ncols=2)
 
 
-def _writer_of(path, view: str, every: int, rate: float) -> type:
+def _writer_of(path, view: str, every: int, rate: float, truth) -> type:
     """Return the writer of a path's format; OptionError for bad arguments."""
     check_path(path)
     check_numbers("", "frames per second above 0", rate=(rate, 0, np.inf))
@@ -98,4 +97,6 @@ def _writer_of(path, view: str, every: int, rate: float) -> type:
     if not (is_whole(every) and every >= 1):
         expected = "an integer, 1 or more"
         raise OptionError("out of range", where="every", got=every, expected=expected)
+    if truth is not None:
+        true_corners(truth, 0)
     return writer
