@@ -10,7 +10,7 @@ from formulations.shape import CUBOID, Shape
 from formulations.shape_report import ShapeReport
 from formulations.upright import CYLINDER
 
-from .common.validation import check_types, checked_array, is_whole
+from .common.validation import check_types, check_whole, checked_array
 from .errors import OptionError
 
 __all__ = [
@@ -74,9 +74,5 @@ def log_size_prior(shape: Shape, theta) -> float:
 
 def _count(name: str, value, least: int) -> int:
     """Return a whole number of at least `least`; OptionError for anything else."""
-    if not (is_whole(value) and least <= value <= MOST_CORNERS):
-        raise OptionError(
-            "no such class of shapes", where=name, got=value,
-            expected=f"a whole number from {least} to {MOST_CORNERS}",
-        )  # fmt: skip
+    check_whole(name, value, least, MOST_CORNERS, what="no such class of shapes")
     return int(value)

@@ -11,7 +11,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from ..errors import OptionError, shortened
+from ..errors import OptionError, did_you_mean, shortened
 
 VALUE_CHARACTERS = 80  # of the repr of a value in an error
 NO_NUMBERS = (bool, np.bool_, np.timedelta64)  # though Python or NumPy call them so
@@ -132,20 +132,27 @@ def check_range(
 
 
 def check_whole(
-    where: str, value, low: int, high: int, error=OptionError, what="out of range"
+    where: str, value, low: int, high: float, error=OptionError, what="out of range"
 ) -> None:
-    """Raise `error` unless a value is one whole number from low to high."""
+    """Raise `error` unless a value is a whole number from low to high."""
     if not (is_whole(value) and low <= value <= high):
-        _refuse(error, what, where, value, f"a whole number from {low} to {high}")
+        expected = f"a whole number from {low} to {high}"
+        if high == math.inf:
+            expected = f"an integer, {low} or more"
+        _refuse(error, what, where, value, expected)
 
 
 def check_one_of(
-    where: str, value, known, what: str, error=OptionError, unit: str = ""
+    where: str, value, known, what: str, error=OptionError, unit="", next: str = ""
 ) -> None:
-    """Raise `error` unless a value is one of the words or numbers that are known."""
+    """Raise `error` unless a value is one of the words or numbers that are known.
+
+    unit: what follows them in the error.  The most similar word comes before `next`.
+    """
     plain = isinstance(value, (str, Real)) and not isinstance(value, NO_NUMBERS)
     if not (plain and value in known):
-        _refuse(error, what, where, value, f"one of {[*known]} {unit}".rstrip())
+        expected = f"one of {[*known]} {unit}".rstrip()
+        _refuse(error, what, where, value, expected, did_you_mean(value, known) or next)
 
 
 def check_sample(sample, samples: int, name: str = "sample") -> None:

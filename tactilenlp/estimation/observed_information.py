@@ -22,7 +22,7 @@ from formulations.names import FREE_TERM, TOUCH_TERM
 
 from ..common.brief import printed
 from ..common.threads import on_one_thread
-from ..common.validation import check_types
+from ..common.validation import check_one_of, check_types
 from ..data.ground import frame_of
 from ..data.scene import Scene
 from ..errors import OptionError, TactileError, typed_call
@@ -59,13 +59,7 @@ def observed_information(
     given to solve_estimate, where they are a Shape or a page of one's own.
     """
     check_types(estimate=(estimate, "Estimate"))
-    if not isinstance(kind, str) or kind not in INFORMATION_KINDS:
-        raise OptionError(
-            "no such information",
-            where="kind",
-            got=kind,
-            expected=f"one of {INFORMATION_KINDS}",
-        )
+    check_one_of("kind", kind, INFORMATION_KINDS, "no such information")
     if kind == "exact":
         if shape is not None or formulation is not None:
             class_and_page(estimate, shape, formulation)
@@ -121,11 +115,7 @@ class Sensitivity:
     def of(self, quantity: str, assumption: str) -> np.ndarray:
         """Return how a quantity (3,) moves with an assumption, SI per unit of it."""
         for name, table in ((quantity, self.maps), (assumption, self.moves)):
-            if name not in table:
-                raise OptionError(
-                    "no such name", where="sensitivity", got=name,
-                    expected=f"one of {sorted(table)}",
-                )  # fmt: skip
+            check_one_of("sensitivity", name, sorted(table), "no such name")
         return self.maps[quantity] @ self.moves[assumption]
 
 

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..common.brief import printed
-from ..common.validation import as_floats, is_whole
+from ..common.validation import as_floats, check_kind, check_whole
 from ..data.trajectories import QUATERNION_TOLERANCE
-from ..errors import OptionError, TactileError
+from ..errors import TactileError
 from ..geometry.transforms import rotation_of
 
 if TYPE_CHECKING:
@@ -108,11 +108,8 @@ def errors_of(world, estimate) -> dict[str, float]:
     true = world.true_body(float(estimate.measurements.time[-1]))
     if true is None:
         return {}
-    if not isinstance(true, TrueBody):
-        raise OptionError(
-            "no truth", where="world.true_body", got=repr(true)[:80],
-            expected="a tactilenlp.TrueBody, or None where it is not known",
-        )  # fmt: skip
+    fix = "return None where it is not known"
+    check_kind("world.true_body", true, TrueBody, next=fix)
     distance = surface_distance(estimate.mesh(), true.mesh)
     errors = {"surface": distance.mean, "surface_max": distance.maximum}
     off = np.linalg.norm(estimate.position[-1] - true.position)
@@ -247,10 +244,8 @@ def _unit(quaternion: ArrayLike, where: str) -> np.ndarray:
 
 def generator_of(samples: int, seed: int) -> np.random.Generator:
     """Return the seeded generator, or raise OptionError."""
-    for where, value, least in (("samples", samples, 1), ("seed", seed, 0)):
-        if not is_whole(value) or value < least:
-            expected = f"an integer, {least} or more"
-            raise OptionError("unusable", where=where, expected=expected, got=value)
+    check_whole("samples", samples, 1, np.inf)
+    check_whole("seed", seed, 0, np.inf)
     return np.random.default_rng(seed)
 
 

@@ -15,7 +15,7 @@ from formulations.shape import Shape
 from ..common.brief import printed
 from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
-from ..common.validation import check_numbers, check_types
+from ..common.validation import check_whole
 from ..data.ground import frame_of
 from ..errors import typed_call
 from ..geometry.faces import polygons
@@ -123,8 +123,7 @@ def best_action(
     """
     began = time.process_time()
     name = check_search(search, budget)
-    check_types(seed=(seed, (int, np.integer)))
-    check_numbers("", "a whole number from 0 to 2**32 - 1", seed=(seed, -1, 2**32 - 1))
+    check_whole("seed", seed, 0, 2**32 - 1)
     objective = Objective(score, space.lower, space.upper, budget)
     rng = np.random.default_rng(seed)
     if facing and name in FACING_SHARE:

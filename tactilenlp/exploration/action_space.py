@@ -16,8 +16,8 @@ from ..common.validation import (
     as_floats,
     as_number,
     check_types,
+    check_whole,
     checked_array,
-    is_whole,
 )
 from ..data.ground import frame_of
 from ..data.scene import Ground
@@ -78,10 +78,7 @@ class Workspace:
     obstacles: tuple = ()
 
     def __post_init__(self) -> None:
-        if not (is_whole(self.fingers) and 1 <= self.fingers <= MOST_FINGERS):
-            raise _option_error(
-                "fingers", f"an integer from 1 to {MOST_FINGERS}", self.fingers
-            )
+        check_whole("fingers", self.fingers, 1, MOST_FINGERS)
         check_types(ground=(self.ground, (Ground, type(None))))
         for name in (f.name for f in fields(self) if f.type == "float"):
             value = getattr(self, name)
@@ -248,9 +245,7 @@ class Action:
         n = round(self.workspace.duration * POINT_RATE) + 1 if n is None else n
         space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
         most = MOST_POINTS // space.fingers
-        if not (is_whole(n) and 2 <= n <= most):
-            expected = f"a whole number of instants from 2 to {most}"
-            raise _option_error("n", expected, n, "give another duration")
+        check_whole(f"n ({POINT_RATE} per second of duration)", n, 2, most)
         frame = frame_of(space.ground)
         target = frame.to_ground(target)
         alone = sum(self.active) == 1

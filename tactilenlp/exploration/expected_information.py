@@ -19,7 +19,12 @@ from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.threads import on_one_thread
-from ..common.validation import check_sample, check_types, is_whole
+from ..common.validation import (
+    check_one_of,
+    check_sample,
+    check_types,
+    check_whole,
+)
 from ..errors import OptionError, typed_call
 from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
@@ -168,16 +173,10 @@ def _check(estimate, workspace, hypotheses, slopes, shape) -> None:
     none = type(None)
     check_types(
         estimate=(estimate, "Estimate"), workspace=(workspace, (Workspace, none)),
-        slopes=(slopes, str), shape=(shape, (Shape, none)),
+        shape=(shape, (Shape, none)),
     )  # fmt: skip
-    if slopes not in ("motion", "identity"):
-        expected = "'motion' or 'identity'"
-        raise OptionError("unknown", where="slopes", got=slopes, expected=expected)
-    if not (is_whole(hypotheses) and hypotheses >= 1):
-        expected = "an integer >= 1"
-        raise OptionError(
-            "out of range", where="hypotheses", got=hypotheses, expected=expected
-        )
+    check_one_of("slopes", slopes, ("motion", "identity"), "unknown")
+    check_whole("hypotheses", hypotheses, 1, np.inf)
     if shape is not None and shape.name != estimate.shape:
         raise OptionError(
             "another shape", where="shape", got=shape.name, expected=estimate.shape

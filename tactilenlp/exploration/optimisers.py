@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import nlopt
 import numpy as np
 
-from ..common.validation import check_types, is_whole
-from ..errors import OptionError, did_you_mean, shortened, typed_call
+from ..common.validation import check_one_of, check_types, check_whole
+from ..errors import OptionError, shortened, typed_call
 
 SEARCHES = (
     "facing", "direct", "direct_l", "crs2", "isres", "mlsl", "bobyqa", "cem", "random",
@@ -58,15 +58,9 @@ def check_search(search, budget) -> str:
     """Return the name of a search; OptionError for an unknown one or a bad budget."""
     check_types(search=(search, (str, CrossEntropy)))
     name = search if isinstance(search, str) else "cem"
-    if name not in SEARCHES:
-        expected = f"one of {SEARCHES} or a CrossEntropy"
-        raise OptionError(
-            "no such search", where="search", got=name, expected=expected,
-            next=did_you_mean(name, SEARCHES),
-        )  # fmt: skip
-    if not (is_whole(budget) and budget >= 2):
-        expected = "an integer >= 2"
-        raise OptionError("too few", where="budget", got=budget, expected=expected)
+    known = "no such search", OptionError, "or a CrossEntropy"
+    check_one_of("search", name, SEARCHES, *known)
+    check_whole("budget", budget, 2, np.inf)
     return name
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from formulations.shape import Shape
 
 from ..common.brief import printed
-from ..common.validation import check_types
+from ..common.validation import check_one_of, check_types
 from ..data.ground import frame_of
-from ..errors import OptionError, did_you_mean
+from ..errors import OptionError
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
 from .action_search import most_informative
@@ -52,12 +52,9 @@ class Plan:
 
 def check_policy(policy) -> None:
     """Raise OptionError for what is no policy."""
-    if not (callable(policy) or (isinstance(policy, str) and policy in POLICIES)):
-        raise OptionError(
-            "no such policy", where="policy", got=policy,
-            expected=f"one of {POLICIES}, or a function of a Plan",
-            next=did_you_mean(policy, POLICIES),
-        )  # fmt: skip
+    if not callable(policy):
+        told = "no such policy", OptionError, "or a function of a Plan"
+        check_one_of("policy", policy, POLICIES, *told)
 
 
 def check_predicted(policy, actions, start, shape, scene) -> None:

@@ -13,10 +13,10 @@ from formulations import known_trajectory as page
 
 from ..common.deadline import Deadline
 from ..common.threads import on_one_thread
-from ..common.validation import as_number, check_numbers, check_types
+from ..common.validation import check_numbers, check_one_of, check_types
 from ..data.scene import Scene
 from ..data.trajectories import Trajectories
-from ..errors import OptionError, SceneError, typed_call
+from ..errors import SceneError, typed_call
 from ..nlp.kkt import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache
@@ -164,13 +164,9 @@ def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
         scene=(scene, Scene),
         options=(options, SolverOptions),
     )
-    if not isinstance(shape, str) or shape not in BODY_SHAPES:
-        raise OptionError(
-            "unknown shape", where="shape", got=shape, expected=f"one of {BODY_SHAPES}"
-        )
-    if gauge is not None and not (0.5 < as_number(gauge) < 2):
-        expected = "None, or a number near 1"
-        raise OptionError("out of range", where="gauge", got=gauge, expected=expected)
+    check_one_of("shape", shape, BODY_SHAPES, "unknown shape")
+    if gauge is not None:
+        check_numbers("", "None, or a number near 1", gauge=(gauge, 0.5, 2))
     if scene.ground is None:
         raise SceneError(
             "nothing to fall on", where="scene.ground", got="None",

@@ -37,7 +37,7 @@ from scipy.linalg import block_diag
 from formulations import exploration
 from formulations.names import FINGER, GROUND, NORMAL_SCALE
 
-from ..common.validation import as_floats, is_whole
+from ..common.validation import as_floats, check_one_of, check_whole
 from ..errors import OptionError, TactileError
 from ..nlp.codegen import compiled
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
@@ -194,12 +194,8 @@ def sample_information(shape, motion, finger) -> ca.Function:
 
 
 def _value(problem, name: str) -> float:
-    if name not in problem.parameters:
-        raise OptionError(
-            "this page has no such parameter, so eq:obsinfo has no weight",
-            where=name, expected=f"one of {[*problem.parameters]}",
-            next="ask for kind='exact'",
-        )  # fmt: skip
+    what = "this page has no such parameter, so eq:obsinfo has no weight"
+    check_one_of(name, name, problem.parameters, what, next="ask for kind='exact'")
     return float(problem.parameters[name].value[0])
 
 
@@ -238,9 +234,9 @@ def information_gain(known, told, asked: int | None = None) -> float:
             expected="two square matrices of one size",
             got=f"{prior.shape} and {F.shape}",
         )  # fmt: skip
-    if not (asked is None or (is_whole(asked) and 0 <= asked <= len(prior))):
-        expected = f"a whole number of the {len(prior)} unknowns, or None"
-        raise OptionError("wrong type", where="asked", got=asked, expected=expected)
+    if asked is not None:
+        what = f"no number of the {len(prior)} unknowns"
+        check_whole("asked", asked, 0, len(prior), what=what)
     if asked is not None and asked < len(prior):  # logdet of a Schur complement
         rest = slice(asked, None)
         nuisance = information_gain(prior[rest, rest], F[rest, rest])

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..common.brief import printed
 from ..common.layout import ANY
-from ..common.validation import check_sample, check_types
-from ..errors import OptionError, did_you_mean
+from ..common.validation import check_one_of, check_sample, check_types
+from ..errors import OptionError
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import Considered, in_numbers
 from .error_budget import (
@@ -132,12 +132,7 @@ class Information:
             return self.spread
         if name == "finger_offset" and self.offsets is not None:
             return self.offsets
-        if name not in self.maps:
-            raise OptionError(
-                "no such quantity", where="information", got=name,
-                expected=f"one of {sorted(self.maps)}",
-                next=did_you_mean(name, self.maps),
-            )  # fmt: skip
+        check_one_of("information", name, sorted(self.maps), "no such quantity")
         jacobian = self.maps[name]
         C = jacobian @ self.spread @ jacobian.T
         if self.ground is None or name not in POSE:

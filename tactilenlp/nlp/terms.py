@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from casadi import vertcat
 
-from ..common.validation import is_whole, numbers_of
-from ..errors import PageError, did_you_mean, shortened
+from ..common.validation import check_one_of, is_whole, numbers_of
+from ..errors import PageError, shortened
 from .term_functions import TermFunction
 
 LARGEST_BLOCK = 1_000_000  # [1] rows or columns of a variable
@@ -214,11 +214,8 @@ def setting(values, parameter: Parameter) -> np.ndarray:
 def known(names, declared: dict, what: str) -> None:
     """Raise PageError for the first name that is not declared."""
     for name in names or ():
-        if name not in declared:
-            raise PageError(
-                f"no such {what}", where=name, expected=f"one of {[*declared]}",
-                next=did_you_mean(name, declared) or "declare it in `build`",
-            )  # fmt: skip
+        told = f"no such {what}", PageError, "", "declare it in `build`"
+        check_one_of(name, name, declared, *told)
 
 
 def instances_of(name: str, arguments) -> int:

@@ -12,7 +12,13 @@ from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 
 from ..common.progress import progress
-from ..common.validation import check_numbers, check_path, check_types, is_whole
+from ..common.validation import (
+    check_numbers,
+    check_one_of,
+    check_path,
+    check_types,
+    check_whole,
+)
 from ..common.whole_file import write_whole
 from ..errors import OptionError
 from ..interface.result import Estimate
@@ -85,18 +91,14 @@ def _writer_of(path, view: str, every: int, rate: float, truth) -> type:
     check_numbers("", "frames per second above 0", rate=(rate, 0, np.inf))
     suffix = Path(path).suffix.lower()
     for where, got, known in (("path", suffix, WRITERS), ("view", view, VIEWS)):
-        if got not in known:
-            expected = f"one of {[*known]}"
-            raise OptionError("unknown", where=where, got=got, expected=expected)
+        check_one_of(where, got, known, "unknown")
     writer = WRITERS[suffix]
     if not writer.isAvailable():
         raise OptionError(
             "no program to write it", where="path", got=suffix,
             expected="ffmpeg on the path", next="install ffmpeg, or write a .gif",
         )  # fmt: skip
-    if not (is_whole(every) and every >= 1):
-        expected = "an integer, 1 or more"
-        raise OptionError("out of range", where="every", got=every, expected=expected)
+    check_whole("every", every, 1, np.inf)
     if truth is not None:
         true_corners(truth, 0)
     return writer

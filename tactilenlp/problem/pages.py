@@ -19,6 +19,7 @@ from formulations.shape import CUBOID, Shape
 from formulations.shape_fields import takes, unfit_fields
 from formulations.upright import CYLINDER, prism
 
+from ..common.validation import check_one_of
 from ..errors import OptionError, PageError, did_you_mean, shortened
 from .reductions import Reductions
 
@@ -107,13 +108,9 @@ def _check_page(page) -> None:
 
 def _module_of(formulation: str, shape) -> str:
     """Return the module of a formulation; OptionError where the shape has none."""
-    if formulation not in FORMULATIONS:
-        raise OptionError(
-            "unknown formulation", where="formulation", got=formulation,
-            expected=f"one of {FORMULATIONS}, or a page",
-            next=did_you_mean(formulation, FORMULATIONS)
-            or "import a page of your own, and give the module",
-        )  # fmt: skip
+    own = "or a page", "import a page of your own, and give the module"
+    told = "unknown formulation", OptionError, *own
+    check_one_of("formulation", formulation, FORMULATIONS, *told)
     if not shape.own_pages:
         return formulation
     if formulation not in shape.own_pages:
