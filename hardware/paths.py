@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from tactilenlp.common.validation import as_array, as_floats
+from tactilenlp.common.validation import checked_trajectory
 
 from .errors import LimitError
 from .kinematics import FAR, Finger
@@ -14,47 +14,15 @@ STILL = 1e-9  # [m], a finger that moves less is parked
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
 
 
-def checked_trajectory(
-    trajectory, fingers: int, longest: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time (n,) [s] and the places (n, F, 3) [m] of a trajectory.
-
-    longest: [s] that it may last.  Raises LimitError unless all numbers are finite, in
-    range and of these shapes.
-    """
-    given = [getattr(trajectory, k, None) for k in ("time", "finger_position")]
-    time, p_wf = (as_floats(() if as_array(x) is None else x) for x in given)
-    shape = (time.size, fingers, 3)
-    good = time.ndim == 1 and time.size > 1 and p_wf.shape == shape
-    good = good and np.isfinite(time).all() and (time[1:] > time[:-1]).all()
-    if not (good and (abs(p_wf) <= FAR).all()):
-        raise LimitError(
-            "no trajectory",
-            where="execute",
-            got=f"time {time.shape}, finger_position {p_wf.shape}",
-            expected=f"increasing times (n,) [s], {shape} [m] within {FAR} m, finite",
-        )
-    with np.errstate(over="ignore"):
-        duration = float(time[-1] - time[0])
-    if not duration <= longest:
-        raise LimitError(
-            "too long",
-            where="execute",
-            got=f"{duration:g} s",
-            expected=f"{longest:g} s at most (Limits.longest)",
-            next="execute it in parts",
-        )
-    return time, p_wf
-
-
 def tip_paths(
     trajectory, fingers: int, longest: float, control: float
 ) -> tuple[list[np.ndarray | None], float]:
     """Return the paths (n, 3) [m] of all tips at `control` [Hz], and the duration [s].
 
-    None stands for the path of a parked finger.
+    None stands for the path of a parked finger.  Raises LimitError.
     """
-    time, p_wf = checked_trajectory(trajectory, fingers, longest)
+    given = trajectory, fingers, longest, FAR, LimitError
+    time, p_wf = checked_trajectory(*given)
     duration = float(time[-1] - time[0])
     steps = max(round(duration * control), 2)
     path = PchipInterpolator(time - time[0], p_wf)(np.linspace(0, duration, steps + 1))

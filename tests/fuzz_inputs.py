@@ -14,13 +14,13 @@ from fuzz_values import anything, changed, pick
 import tactilenlp as t
 from formulations.shape import CUBOID, Shape
 from hardware.clock import ClockMap, unwrap
+from hardware.errors import LimitError
 from hardware.impedance import Gains, Limits
-from hardware.kinematics import ROBOTS, Finger, finger
+from hardware.kinematics import FAR, ROBOTS, Finger, finger
 from hardware.motor_board import MotorBoard
 from hardware.motor_can import encode_command, encode_current
 from hardware.motor_joints import JointMap
 from hardware.optical import Lens
-from hardware.paths import checked_trajectory
 from hardware.rig import FingerRig, Rig, Tactile
 from hardware.serial_reader import OptoForceCan
 from hardware.serial_tactile import (
@@ -33,6 +33,7 @@ from hardware.serial_tactile import (
 from hardware.simulated_robot import simulated_rig
 from hardware.tape import Tape
 from hardware.touch import FieldTouch, ForceTouch, Hysteresis, Tare
+from tactilenlp.common.validation import checked_trajectory
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.simulation.arguments import path_of
 
@@ -188,7 +189,7 @@ def calls() -> tuple:
 
 
 def _hardware_path(time, position):
-    return checked_trajectory(t.Trajectory(time, position), F, 60.0)
+    return checked_trajectory(t.Trajectory(time, position), F, 60.0, FAR, LimitError)
 
 
 def _variable(rows, columns, guess, lower, upper, scale):

@@ -7,8 +7,9 @@ import pytest
 
 from hardware.errors import LimitError
 from hardware.impedance import Limits
-from hardware.kinematics import finger
-from hardware.paths import checked_trajectory, row_of, way_back, way_there
+from hardware.kinematics import FAR, finger
+from hardware.paths import row_of, way_back, way_there
+from tactilenlp.common.validation import checked_trajectory
 
 FINGER = finger("edu_dair", 180)
 LOW = 0.0185  # [m], a centimetre above the ground less than the tip's radius
@@ -69,4 +70,4 @@ def test_rows_between_two_rows_are_their_mean():
 def test_a_time_that_is_no_numbers_is_told_as_empty(time):
     trajectory = SimpleNamespace(time=time, finger_position=np.zeros((2, 1, 3)))
     with pytest.raises(LimitError, match=r"got time \(0,\), finger_position \(2, 1, 3"):
-        checked_trajectory(trajectory, 1, 10.0)
+        checked_trajectory(trajectory, 1, 10.0, FAR, LimitError)

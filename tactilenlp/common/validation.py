@@ -173,6 +173,46 @@ def is_rotation(R: np.ndarray, tolerance: float) -> bool:
     return bool(off <= tolerance and np.linalg.det(R) > 0)
 
 
+def checked_unit(
+    where: str, value, size: int, tolerance: float, error=OptionError, next: str = ""
+) -> np.ndarray:
+    """Return a vector (size,) as floats whose length is one, or raise `error`."""
+    vector = as_floats(value)
+    if vector.shape != (size,) or not abs(np.linalg.norm(vector) - 1) <= tolerance:
+        expected = f"numbers of shape ({size},) and length 1 within {tolerance:g}"
+        _refuse(error, "not of unit length", where, value, expected, next)
+    return vector
+
+
+def checked_trajectory(
+    trajectory, fingers: int, longest: float, farthest: float, error=OptionError
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time (n,) [s] and the finger positions (n, F, 3) [m] of a trajectory.
+
+    longest [s], farthest [m] from the origin.  Raises `error` for other shapes, and
+    where numbers are not finite or beyond these limits.
+    """
+    given = [getattr(trajectory, k, None) for k in ("time", "finger_position")]
+    time, p_wf = (as_floats(() if as_array(x) is None else x) for x in given)
+    good = time.ndim == 1 and time.size > 1 and np.isfinite(time).all()
+    if not (good and (time[1:] > time[:-1]).all()):
+        got = f"time {time.shape}, finger_position {p_wf.shape}"
+        expected = "(n,) [s], finite, increasing, n >= 2"
+        raise error("no trajectory", where="time", got=got, expected=expected)
+    shape = (time.size, fingers, 3)
+    if p_wf.shape != shape or not (abs(p_wf) <= farthest).all():
+        where, got = "finger_position", f"shape {p_wf.shape}"
+        expected = f"{shape} [m], finite, within {farthest:g} m"
+        raise error("no trajectory", where=where, got=got, expected=expected)
+    with np.errstate(over="ignore"):
+        duration = float(time[-1] - time[0])
+    if not duration <= longest:
+        told = {"got": f"{duration:g} s", "expected": f"at most {longest:g} s"}
+        told["next"] = "execute it in parts"
+        raise error("too long for the limits", where="time", **told)
+    return time, p_wf
+
+
 def checked_choice(where: str, value, known, error=OptionError) -> np.ndarray:
     """Return an iterable of whole numbers among those known; `error` otherwise."""
     try:

@@ -6,7 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..common.validation import as_array, as_floats, check_types, checked_array
+from ..common.validation import (
+    as_array,
+    check_types,
+    checked_array,
+    checked_unit,
+)
 from ..errors import SceneError, shortened, typed_call
 from .measurements import UNIT_EXACT
 
@@ -142,16 +147,9 @@ def scene_number(
 
 def _unit(name: str, value: object) -> tuple[float, float, float]:
     """Return a unit vector as a tuple, or raise SceneError."""
-    vector = as_floats(value)
+    fix = "divide it by its length; (0, 0, 1) is level ground"
+    vector = checked_unit(name, value, 3, NORMAL_TOLERANCE, SceneError, fix)
     length = np.linalg.norm(vector)
-    if vector.shape != (3,) or not abs(length - 1.0) <= NORMAL_TOLERANCE:
-        raise SceneError(
-            "not a unit vector",
-            where=name,
-            got=shortened(value, most=80),
-            expected=f"3 numbers of length 1 within {NORMAL_TOLERANCE}",
-            next="divide it by its length; (0, 0, 1) is level ground",
-        )
     if abs(length - 1.0) > UNIT_EXACT:
         vector = vector / length
     return tuple(vector.tolist())

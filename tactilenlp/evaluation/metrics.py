@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..common.brief import printed
-from ..common.validation import as_floats, check_kind, check_whole
+from ..common.validation import as_floats, check_kind, check_whole, checked_unit
 from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import TactileError
 from ..geometry.transforms import rotation_of
@@ -165,7 +165,9 @@ def cuboid_errors(
     sizes = sizes[permutations] - truth
     shift = finite_array(position, (3,), "position")
     shift = shift - finite_array(true_position, (3,), "true_position")
-    wxyz = [_unit(quaternion, "quaternion"), _unit(true_quaternion, "true_quaternion")]
+    given = {"quaternion": quaternion, "true_quaternion": true_quaternion}
+    unit = 4, QUATERNION_TOLERANCE, TactileError, "give a quaternion wxyz of length 1"
+    wxyz = [checked_unit(name, value, *unit) for name, value in given.items()]
     R_we, R_wt = rotation_of(wxyz).as_matrix()
     turns = Rotation.from_matrix(R_we @ cube @ R_wt.T).as_rotvec()
     angles, misfit = (np.linalg.norm(rows, axis=1) for rows in (turns, sizes))
@@ -232,14 +234,6 @@ def triangles_of(mesh: Trimesh, where: str) -> np.ndarray:
             "unusable", where=where, expected=expected, got=got, next=next
         )
     return triangles[area(triangles) > 0]
-
-
-def _unit(quaternion: ArrayLike, where: str) -> np.ndarray:
-    wxyz = finite_array(quaternion, (4,), where)
-    if abs(np.linalg.norm(wxyz) - 1) > QUATERNION_TOLERANCE:
-        expected, got = "a quaternion wxyz of length 1", wxyz.tolist()
-        raise TactileError("unusable", where=where, expected=expected, got=got)
-    return wxyz
 
 
 def generator_of(samples: int, seed: int) -> np.random.Generator:

@@ -9,20 +9,21 @@ import numpy as np
 
 from ..common.npz import write_npz
 from ..common.validation import check_types
+from ..data.ground import scene_number
 from ..data.measurements import Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import SceneError, typed_call
 from ..evaluation.metrics import TrueBody
 from .arguments import (
-    ARGUMENT_RULES,
     PARKED_MOTION,
+    WORLD_NUMBERS,
     centred_hull,
-    checked_argument,
+    checked_lengths,
     path_of,
     pose_of,
     world_error,
 )
-from .mujoco_plant import MAX_RESTITUTION, TIME_STEP, Plant
+from .mujoco_plant import TIME_STEP, Plant
 
 SAMPLE_RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 CONTACT_STEPS = 40  # steps (10 ms) over which a sensor averages the contact force
@@ -110,20 +111,13 @@ class World:
                 "side_lengths, vertices", "one of the two", "both or neither"
             )
         check_types(noise=(self.noise, Noise))
-        for name, rule in ARGUMENT_RULES.items():
-            value = getattr(self, name)
-            if value is not None or name not in ("side_lengths", "ground"):
-                setattr(self, name, checked_argument(name, value, *rule))
-        if self.restitution > MAX_RESTITUTION:
-            raise world_error(
-                "restitution", f"at most {MAX_RESTITUTION}", self.restitution
-            )
-        if self.rate * TIME_STEP > 1:
-            fix = "a sample has at least one step of the solver"
-            raise world_error("rate", f"at most {1 / TIME_STEP:.0f} Hz", self.rate, fix)
-        if self.ground is None and self.gravity > 0:
-            raise world_error("ground", "a height [m] where there is gravity", None)
+        for name, limits in WORLD_NUMBERS.items():
+            setattr(self, name, scene_number(name, getattr(self, name), *limits))
+        if self.ground is not None or self.gravity > 0:
+            self.ground = scene_number("ground", self.ground, "a height [m]")
+        self.finger_radius = checked_lengths("finger_radius", self.finger_radius)
         if self.vertices is None:
+            self.side_lengths = checked_lengths("side_lengths", self.side_lengths, 3)
             corners = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * self.side_lengths
         else:
             corners = self.vertices = centred_hull(self.vertices)
