@@ -46,7 +46,7 @@ class Contact:
         return impulse(self.lam, self.normal, self.tangents)
 
 
-class Sliding(NamedTuple):
+class FrictionLaw(NamedTuple):
     """The law of friction of a contact, and what it costs to be off it.
 
     mu: coefficient; kappa [nats/mm]; v_eps [m/s] and rounding r [weights] round it.

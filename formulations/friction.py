@@ -79,10 +79,10 @@ def add_cone(nlp, name, impulses):
 
 
 def sliding_of(nlp, mu):
-    """Return contact.Sliding; nothing rounds the cone where mu is known to be zero."""
+    """Return the FrictionLaw; nothing rounds the cone where mu is known to be zero."""
     p, slips = nlp.parameters, mu.name in nlp.parameters and mu.value[0] == 0
     rounding = 0.0 if slips else p["cone rounding"]
-    return contact.Sliding(mu, p["kappa"], p["speed rounding"], rounding)
+    return contact.FrictionLaw(mu, p["kappa"], p["speed rounding"], rounding)
 
 
 def cone_margin(lam, mu, w, rounding):

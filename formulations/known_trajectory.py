@@ -38,11 +38,11 @@ import casadi as ca
 from .friction import Impulses, add_cone, friction, impulses
 from .known_trajectory_terms import (
     CONE_ROUNDING,
-    Corner,
     Ground,
-    Motion,
     Pose,
+    StepMotion,
     Touch,
+    Vertex,
     gaussian,
     imbalance,
     penetration,
@@ -88,7 +88,7 @@ def build(nlp, window, scene):
     nlp.parameter("surface", SURFACE, "m")
     balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam)
     ground = Ground(plane, offset[:, step.toss[touch.step]])
-    corner = Corner(theta[:, touch.column], touch.sign)
+    corner = Vertex(theta[:, touch.column], touch.sign)
     contacts(nlp, window, ground, radius, corner, Impulses(lam, mu, weight), fall)
     for x, mean, deviation in (
         (theta, window.guess.T, SIZE),
@@ -106,9 +106,9 @@ def balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam):
     for count, g in window.groups.items():
         ground = Ground(plane, offset[:, window.step.toss[g.steps]])
         s = window.step.pick(g.steps)
-        motion = Motion(s.noise, s.dv, s.w, s.w_1, s.R_half, s.R_half_1, s.R_wo)
+        motion = StepMotion(s.noise, s.dv, s.w, s.w_1, s.R_half, s.R_half_1, s.R_wo)
         touches = [
-            Touch(lam[:, c], Corner(theta[:, touch.column[c]], touch.sign[c]))
+            Touch(lam[:, c], Vertex(theta[:, touch.column[c]], touch.sign[c]))
             for c in g.touches.T
         ]
         nlp.minimize(

@@ -51,7 +51,7 @@ class Ground(NamedTuple):
         return contact.impulse(lam, n, tangents)
 
 
-class Corner(NamedTuple):
+class Vertex(NamedTuple):
     """A corner, sign * theta (3,) [m]."""
 
     theta: object
@@ -59,7 +59,7 @@ class Corner(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """An impulse lam (3,) [N s] on a Corner."""
+    """An impulse lam (3,) [N s] on a Vertex."""
 
     lam: object
     corner: object
@@ -76,7 +76,7 @@ class Pose(NamedTuple):
         return self.p_wo + ca.reshape(self.R_wo, 3, 3) @ (corner.sign * corner.theta)
 
 
-class Motion(NamedTuple):
+class StepMotion(NamedTuple):
     """How the body moves in a step: noise (2,): deviations [m/s], [rad/s]; dv [m/s].
 
     R_half, R_half_1: halfway to the next and from the last sample, where the body turns

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
+from formulations.names import GROUND
 
 from ..geometry.transforms import continuous, is_planar, matrices
 from ..problem.pages import FORMULATIONS, name_of
@@ -117,12 +118,12 @@ def _renamed(shape, solved, order, S) -> Solved:
     rows = rows[:, places].ravel()
 
     def moved(values) -> dict:
-        ground = {k: values[k][:, rows] for k in ("ground",) if k in values}
+        ground = {k: values[k][:, rows] for k in (GROUND,) if k in values}
         centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
         return values | ground | centre | {"theta": values["theta"][order]}
 
     multipliers = {
-        name: old[rows] if name.startswith("ground") and len(old) == len(rows) else old
+        name: old[rows] if name.startswith(GROUND) and len(old) == len(rows) else old
         for name, old in s.multipliers.items()
     }
     solution = replace(

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
 from formulations.implicit import noting_roots
-from formulations.names import BALL, TOUCH_TERM
+from formulations.names import BALL, FINGER, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
@@ -206,7 +206,7 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
         values["body"] = window.body[:, None]
         pushes = samples_of(last.window.push), samples_of(window.push)
         corners = corners_of(last.window), corners_of(window)
-        for name, keys in (("finger", pushes), ("ground", corners)):
+        for name, keys in ((FINGER, pushes), (GROUND, corners)):
             row = rows_of(*keys)
             values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
         return solution
@@ -235,7 +235,7 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     if np.array_equal(old, legs):
         return solved
     s, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
-    ground = s.values["ground"]
+    ground = s.values[GROUND]
     moved = redistributed(
         V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old))
     )
@@ -244,9 +244,9 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
         np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
     )
     solution = replace(
-        s, values=s.values | {"ground": moved},
+        s, values=s.values | {GROUND: moved},
         multipliers={k: m for k, m in s.multipliers.items() if k != "ground cone"},
-        bound_multipliers=s.bound_multipliers | {"ground": 0 * moved},
+        bound_multipliers=s.bound_multipliers | {GROUND: 0 * moved},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)
     return replace(solved, solution=solution).with_window(at)
