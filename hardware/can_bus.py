@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 
 import can
 
@@ -50,8 +51,9 @@ def waiting(
     """
     messages: list[can.Message] = []
     try:
-        for message in _read(bus, name, on_error):
-            messages.append(message)
+        with unless_lost("cannot read", name):
+            for message in _read(bus, on_error):
+                messages.append(message)
     except BusError as bad:
         if not messages:
             raise
@@ -63,9 +65,9 @@ def waiting(
 
 
 def _read(
-    bus: can.BusABC, name: str, on_error: Callable[[Exception], None]
+    bus: can.BusABC, on_error: Callable[[Exception], None]
 ) -> Iterator[can.Message]:
-    """Yield the received frames; raises BusError if the bus is lost.
+    """Yield the received frames.
 
     Not by `bus.recv(timeout=0)`: it measures its time-out by the wall clock, and blocks
     for as long as that clock is set back meanwhile.
@@ -75,7 +77,7 @@ def _read(
             message, filtered = bus._recv_internal(timeout=0)
         except (can.CanError, OSError) as bad:
             if not isinstance(bad.__cause__, UnicodeDecodeError):
-                raise lost("read", name, bad) from bad
+                raise
             bus.flush()
             on_error(bad)
         except GARBLED as bad:
@@ -87,10 +89,10 @@ def _read(
                 yield message
 
 
-def lost(verb: str, name: str, bad: Exception) -> BusError:
-    """Return the error of a bus that is lost."""
-    got, fix = f"{type(bad).__name__}: {bad}", "check that the adapter is plugged in"
-    return BusError(f"cannot {verb}", where=name, got=got, next=fix)
+def unless_lost(what: str, name: str) -> AbstractContextManager:
+    """Return a block that raises BusError where the bus is lost."""
+    fix = "check that the adapter is plugged in"
+    return translated(BusError, what, name, fix, (can.CanError, OSError))
 
 
 def quietly(action: Callable[[], None], name: str) -> None:

@@ -17,7 +17,7 @@ from tactilenlp.errors import typed_call
 
 from .errors import LimitError
 from .kinematics import Finger
-from .ranges import check_ranges
+from .ranges import check_most, check_ranges
 
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
@@ -169,14 +169,8 @@ class Limits:
                 next="choose a trajectory within the limits",
             )
         speed = abs(np.diff(angles, axis=0)).max(initial=0.0) / dt
-        if not speed <= self.joint_speed:
-            raise LimitError(
-                "too fast",
-                where=name,
-                got=f"{speed:.2f} rad/s",
-                expected=f"{self.joint_speed} rad/s at most",
-                next="give the trajectory a longer duration",
-            )
+        told = "rad/s", "give the trajectory a longer duration"
+        check_most(name, "too fast", speed, self.joint_speed, *told)
         height = finger.forward(angles)[:, 2].min() - finger.tip_radius
         lowest = min(self.lowest, begun)
         if not height >= lowest - ROUNDING:
@@ -194,20 +188,14 @@ class Limits:
         """Refuse to go on from a state; raises LimitError."""
         words = "a joint has left its limits", "check the zero angles of the rig"
         self._check_angles(name, finger, angles, *words)
-        words = "a joint runs away", "check the gains"
-        _check_speeds(name, velocities, self.top_speed, *words)
+        told = self.top_speed, "rad/s", "check the gains"
+        check_most(name, "a joint runs away", velocities, *told)
 
     def check_jump(self, name: str, change: np.ndarray, dt: float) -> None:
         """Refuse a change (3,) [rad] of joint angles in dt [s]; raises LimitError."""
         most = self.top_speed * max(dt, 0.0) + JUMP
-        if not np.abs(change).max() <= most:  # NaN as well
-            raise LimitError(
-                "a joint jumps",
-                where=name,
-                got=f"{np.round(change, 3)} rad in {1e3 * dt:.1f} ms",
-                expected=f"{most:.3f} rad at most",
-                next="check the encoders and their cables",
-            )
+        what, fix = f"a joint jumps in {1e3 * dt:.1f} ms", "check encoders and cables"
+        check_most(name, what, change, most, "rad", fix)
 
     def check_target(
         self, name: str, finger: Finger, angles: np.ndarray, velocities: np.ndarray
@@ -215,7 +203,8 @@ class Limits:
         """Refuse a target that a command is to be made of; raises LimitError."""
         fix = "check how the path was made"
         self._check_angles(name, finger, angles, "a target lies beyond the limits", fix)
-        _check_speeds(name, velocities, FASTEST, "a target moves too fast", fix)
+        told = velocities, FASTEST, "rad/s", fix
+        check_most(name, "a target moves too fast", *told)
 
     def _check_angles(
         self, name: str, finger: Finger, angles: np.ndarray, what: str, fix: str
@@ -225,11 +214,3 @@ class Limits:
         if not off.max() <= self.margin:  # NaN as well
             got, expected = f"{np.round(angles, 3)} rad", "joints within their limits"
             raise LimitError(what, where=name, got=got, expected=expected, next=fix)
-
-
-def _check_speeds(
-    name: str, velocities: np.ndarray, most: float, what: str, fix: str
-) -> None:
-    if not np.abs(velocities).max() <= most:  # NaN as well
-        got, expected = f"{np.round(velocities, 2)} rad/s", f"{most} rad/s at most"
-        raise LimitError(what, where=name, got=got, expected=expected, next=fix)

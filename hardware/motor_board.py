@@ -18,7 +18,7 @@ from tactilenlp.errors import typed_call
 
 from . import motor_can as codec
 from . import motor_checks as checks
-from .can_bus import close_bus, lost, open_bus, waiting
+from .can_bus import close_bus, open_bus, unless_lost, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, RigError, StaleStreamError
 from .motor_can import Command, Content, Pair, Quantity, Status
@@ -278,10 +278,8 @@ class MotorBoard(can.Listener):
             raise BoardError("only listens", **told)
         message.timestamp = self.clock.now()
         self._sent.append(bytes(message.data))
-        try:
+        with unless_lost("cannot write", self.name):
             self.bus.send(message, SEND_TIME)
-        except (can.CanError, OSError) as bad:
-            raise lost("write", self.name, bad) from bad
 
     def record(self, message: can.Message) -> None:
         """Give a frame that was sent to the sink."""

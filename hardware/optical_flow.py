@@ -30,13 +30,14 @@ def opencv():
 def grey(frame: np.ndarray) -> np.ndarray:
     """Return a picture as (H, W) uint8, contiguous; raises FrameError."""
     frame = np.asarray(frame)
-    if frame.dtype != np.uint8 or frame.ndim not in (2, 3) or frame.size == 0:
-        got = f"{frame.dtype} {frame.shape}"
-        raise FrameError("no picture", got=got, expected="uint8, (H, W) or (H, W, 3)")
+    grey_or_bgr = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (3, 4))
+    if frame.dtype != np.uint8 or frame.size == 0 or not grey_or_bgr:
+        got, expected = (
+            f"{frame.dtype} {frame.shape}",
+            "uint8, (H, W) or (H, W, 3 or 4)",
+        )
+        raise FrameError("no picture", got=got, expected=expected)
     if frame.ndim == 3:
-        if frame.shape[2] not in (3, 4):
-            expected = "1, 3 (BGR) or 4 channels"
-            raise FrameError("no picture", got=frame.shape, expected=expected)
         colours = np.ascontiguousarray(frame[..., :3])
         frame = opencv().cvtColor(colours, opencv().COLOR_BGR2GRAY)
     return np.ascontiguousarray(frame)

@@ -35,6 +35,15 @@ def check_ranges(
         check_range(f"{where}[{k}]", value, low, high, unit, error)
 
 
+def check_most(
+    where: str, what: str, values: np.ndarray, most: float, unit: str, next: str
+) -> None:
+    """Raise LimitError unless all magnitudes are at most `most` [unit]."""
+    if not np.abs(values).max() <= most:  # NaN as well
+        got, expected = f"{np.round(values, 3)} {unit}", f"{most:g} {unit} at most"
+        raise LimitError(what, where=where, got=got, expected=expected, next=next)
+
+
 def check_age(
     where: str, what: str, age: float, limit: float, next: str, why: str = ""
 ) -> None:

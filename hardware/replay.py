@@ -14,11 +14,9 @@ from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 
-import can
-
 from tactilenlp.common.validation import check_range
 
-from .can_bus import lost, open_bus
+from .can_bus import open_bus, unless_lost
 from .clock import Clock, HostClock
 from .errors import HardwareError
 from .recording import Recording
@@ -95,10 +93,8 @@ class Replay(AbstractContextManager):
         bus = stack.enter_context(open_bus(config, stream))
 
         def send(message):
-            try:
+            with unless_lost("cannot write", stream):
                 bus.send(message)
-            except (can.CanError, OSError) as bad:
-                raise lost("write", stream, bad) from bad
 
         self._events.append(
             (message.timestamp, partial(send, message))
