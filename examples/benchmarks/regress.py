@@ -110,16 +110,45 @@ def measure(name: str) -> dict:
     }  # fmt: skip
 
 
+def serve(measure) -> None:
+    """Measure each case that standard input asks for, a line each."""
+    for line in sys.stdin:
+        try:
+            row = measure(*json.loads(line))
+        except Exception as error:  # of whatever kind: it counts as not converged
+            row = {"error": f"{type(error).__name__}: {error}"}
+        print("row", json.dumps(row, default=float), flush=True)
+
+
+@contextmanager
+def worker(tree: Path, script: str):
+    """Start a script that serves, with the package of a tree: yields ask(*case)."""
+    environment = {**os.environ, "PYTHONPATH": str(tree), "TQDM_DISABLE": "1"}
+    process = subprocess.Popen(
+        [sys.executable, script, "--serve"], env=environment, cwd=tree, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+
+    def ask(*case) -> dict:
+        process.stdin.write(json.dumps(case) + "\n")
+        process.stdin.flush()
+        for line in process.stdout:
+            if line.startswith("row "):
+                return json.loads(line[4:])
+        raise RuntimeError(f"the process of {tree} has ended")
+
+    with process:
+        yield ask
+        process.stdin.close()
+
+
 def run(tree: Path, name: str) -> dict:
     """Return the row of a recording, with the package of a tree, in a new process."""
-    environment = {**os.environ, "PYTHONPATH": str(tree), "TQDM_DISABLE": "1"}
-    command = [sys.executable, __file__, "--measure", name]
-    done = subprocess.run(
-        command, env=environment, cwd=tree, capture_output=True, text=True
-    )
-    if done.returncode:
-        raise RuntimeError(f"{name} in {tree}:\n{done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])
+    with worker(tree, __file__) as ask:
+        row = ask(name)
+    if "error" in row:
+        raise RuntimeError(f"{name} in {tree}: {row['error']}")
+    return row
 
 
 @contextmanager
@@ -181,10 +210,10 @@ def main() -> None:
     add("--recordings", nargs="+", default=EVERY, choices=EVERY)
     add("--pairs", type=int, default=2, help="runs of each")
     add("--out", type=Path, default=Path("benchmark"))
-    add("--measure", help=argparse.SUPPRESS)  # one recording, in a process of its own
+    add("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    if arguments.measure:
-        print(json.dumps(measure(arguments.measure)))
+    if arguments.serve:
+        serve(measure)
         return
     there = [n for n in arguments.recordings if n == EXPLORED or file_of(n).exists()]
     found = []

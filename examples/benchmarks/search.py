@@ -21,14 +21,12 @@ os.environ["OMP_NUM_THREADS"] = "1"  # of every library, before numpy is importe
 import argparse
 import csv
 import json
-import subprocess
-import sys
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import process_time
 
 import numpy as np
-from regress import ROOT, tree_of, true_mesh, truth_of
+from regress import ROOT, serve, tree_of, true_mesh, truth_of, worker
 
 BEST = Path(__file__).with_name("best_objectives.csv")
 WIDE = 24  # starts of the page, and hypotheses, of a search for the best known
@@ -146,39 +144,6 @@ def solved_along(data, scene, theta, position, quaternion) -> float:
     return found.objective if found.success else np.inf
 
 
-def serve() -> None:
-    """Measure what standard input asks for, a line each: [file, actions, widely]."""
-    for line in sys.stdin:
-        try:
-            file, actions, widely = json.loads(line)
-            row = (measure_widely if widely else measure)(file, actions)
-        except Exception as error:  # of whatever kind: it counts as not converged
-            row = {"error": f"{type(error).__name__}: {error}"}
-        print("row", json.dumps(row, default=float), flush=True)
-
-
-@contextmanager
-def worker(tree: Path):
-    """Start a process that measures with the package of a tree: yields ask(*case)."""
-    environment = {**os.environ, "PYTHONPATH": str(tree), "TQDM_DISABLE": "1"}
-    process = subprocess.Popen(
-        [sys.executable, __file__, "--serve"], env=environment, cwd=tree, text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    )  # fmt: skip
-
-    def ask(file, actions, widely=False) -> dict:
-        process.stdin.write(json.dumps([file, actions, widely]) + "\n")
-        process.stdin.flush()
-        for line in process.stdout:
-            if line.startswith("row "):
-                return json.loads(line[4:])
-        raise RuntimeError(f"the process of {tree} has ended")
-
-    with process:
-        yield ask
-        process.stdin.close()
-
-
 def best_known() -> dict[tuple, float]:
     """Return the best objective ever found by (recording, actions)."""
     if not BEST.exists():
@@ -245,7 +210,7 @@ def main() -> None:
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
-        serve()
+        serve(lambda wide, *case: (measure_widely if wide else measure)(*case))
         return
     found, best = {"here": []}, best_known()
     with ExitStack() as stack:
@@ -253,12 +218,13 @@ def main() -> None:
         if arguments.against:
             trees["there"] = stack.enter_context(tree_of(arguments.against))
             found["there"] = []
-        workers = {n: stack.enter_context(worker(t)) for n, t in trees.items()}
+        asked = {n: worker(tree, __file__) for n, tree in trees.items()}
+        workers = {n: stack.enter_context(one) for n, one in asked.items()}
         for file in arguments.files:
             for actions in arguments.actions:
                 for name, ask in workers.items():
-                    row = ask(str(Path(file).resolve()), actions, arguments.wide)
-                    found[name].append(row)
+                    case = str(Path(file).resolve()), actions
+                    found[name].append(ask(arguments.wide, *case))
                 best = judge([row for rows in found.values() for row in rows], best)
                 for name, rows in found.items():
                     print(f"{name:6}", line_of(rows[-1]), flush=True)
