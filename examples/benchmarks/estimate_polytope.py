@@ -24,7 +24,8 @@ from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
-from exploration_objects import SEED, planes_off, world_of
+from exploration_objects import SEED, world_of
+from judging import planes_off
 from matplotlib.ticker import MaxNLocator
 from study import study_parser, table, tabled_study, telling
 from trimesh.convex import convex_hull

@@ -7,7 +7,6 @@ from chamfer import chamfer_code, chamfer_floor
 from judging import placed
 from monte_carlo import NOISE
 from scipy.spatial.transform import Rotation
-from trimesh import Trimesh
 from trimesh.convex import convex_hull
 
 from tactilenlp import Guess, Noise, World
@@ -68,11 +67,6 @@ def lying_on(points, outward) -> np.ndarray:
     """Return a body's points (V, 3) turned so that a face's outward normal is down."""
     down, _ = Rotation.align_vectors([[0, 0, -1]], [outward])
     return down.apply(points)
-
-
-def planes_off(planes, mesh: Trimesh) -> np.ndarray:
-    """Return by how much a true body is off supporting planes, (planes,) [m]."""
-    return np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
 
 
 def circle(rng) -> np.ndarray:

@@ -13,12 +13,11 @@ estimate) and foreign_hulls_summary.csv (one row a departure and strength).
 """
 
 import numpy as np
-from exploration_objects import planes_off
 from foreign import arguments, cells, measured, warm
 from foreign_bodies import Hull
 from foreign_departures import DEPARTURES
 from foreign_report import BEYOND, COLOURS, WITHIN, median, summary
-from judging import solved
+from judging import planes_off, solved
 from regress import true_mesh
 from study import table, tabled_study, telling, write_csv
 

@@ -43,6 +43,11 @@ def placed(mesh: Trimesh, position, quaternion) -> Trimesh:
     return mesh.apply_transform(pose)
 
 
+def planes_off(planes, mesh: Trimesh) -> np.ndarray:
+    """Return by how much a true body is off supporting planes, (planes,) [m]."""
+    return np.abs((mesh.vertices @ planes.normal.T).max(axis=0) - planes.offset)
+
+
 def planar_path(position, quaternion) -> np.ndarray:
     """Return the planar poses (3, T) [m, m, rad] of a body that stays upright."""
     yaw = np.unwrap(rotation_of(quaternion).as_euler("zyx")[:, 0])

@@ -17,7 +17,6 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import trimesh
-from scipy.spatial.transform import Rotation
 from study import one_thread
 
 from tactilenlp import (
@@ -30,6 +29,7 @@ from tactilenlp import (
     surface_distance,
 )
 from tactilenlp.errors import NotConverged
+from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.tracking.surface import body_surface
 
 CLASSES = {
@@ -82,7 +82,7 @@ def touch(world, shape, theta, rng, first):
     q = ca.SX.sym("q", 3)
     distance = ca.Function("distance", [q], [shape.distance(ca.DM(theta), q, 1e-4)])
     for k in range(6):
-        turn = Rotation.from_quat(np.roll(world.pose[3:], -1)).as_matrix()
+        turn = rotation_of(world.pose[3:]).as_matrix()
         angle, rise = first + 2.4 * k, rng.uniform(-0.2, 0.9)
         level = np.cos(rise)
         out = np.array([np.cos(angle) * level, np.sin(angle) * level, np.sin(rise)])
@@ -113,15 +113,11 @@ def main(arguments):
             estimate, said = solve_estimate(world.measurements, SCENE, shape=shape), ""
         except NotConverged as error:
             estimate, said = error.estimate, "not converged, "
-        R = Rotation.from_quat(
-            np.roll(world.truth.object_quaternion, -1, 1)
-        ).as_matrix()
-        at = np.eye(4)
-        at[:3, :3], at[:3, 3] = R[-1], world.truth.object_position[-1]
-        true = trimesh.convex.convex_hull(world.vertices).apply_transform(at)
+        true = world.true_body(world.measurements.time[-1]).mesh
         off = surface_distance(estimate.mesh(), true)
         sigma = np.sqrt(np.diag(estimate.information.spread))[: len(theta)]
-        tilt = np.degrees(np.arccos(np.clip(R[:, 2, 2], -1, 1))).max()
+        up = rotation_of(world.truth.object_quaternion).as_matrix()[:, 2, 2]
+        tilt = np.degrees(np.arccos(np.clip(up, -1, 1))).max()
         true, found, sigma = (
             (1e3 * v).round(2) for v in (theta, estimate.theta, sigma)
         )

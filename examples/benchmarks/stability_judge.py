@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from judging import refusal
+from judging import placed, planes_off, refusal
 from scipy.spatial.transform import Rotation
+from trimesh.creation import box
 
 from tactilenlp import (
     ExpectedInformation,
@@ -164,11 +165,11 @@ def _of_hull(estimate, truth):
 
     The error of a face is how far off the true body's support is along its normal.
     """
-    true = _corners(truth)
+    true = placed(box(truth.sides), truth.position[-1], truth.quaternion[-1])
     vertices = estimate.vertices @ estimate.rotation().T + estimate.position[-1]
     out = []
     planes = estimate.supporting_planes()
-    off = np.abs((true @ planes.normal.T).max(axis=0) - planes.offset)
+    off = planes_off(planes, true)
     for i in np.flatnonzero(planes.touches):
         touched = f"face {i}, {planes.touches[i]} touches"
         out.append((touched, off[i], planes.sigma[i]))
@@ -178,14 +179,6 @@ def _of_hull(estimate, truth):
         (f"centroid {axis}", e, s)
         for axis, e, s in zip("xyz", middle, sigma, strict=True)
     ]
-
-
-def _corners(truth) -> np.ndarray:
-    """Return the corners of the true body at the last sample (8, 3) [m], world."""
-
-    signs = np.indices((2, 2, 2)).reshape(3, 8).T - 0.5
-    R_wo = rotation_of(truth.quaternion[-1])
-    return R_wo.apply(signs * truth.sides) + truth.position[-1]
 
 
 def whole(estimate) -> list[dict]:
