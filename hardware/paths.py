@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from tactilenlp.common.validation import checked_trajectory
+from tactilenlp.geometry.interpolation import path_of
 
 from .errors import LimitError
 from .kinematics import FAR, Finger
 
-STILL = 1e-9  # [m], a finger that moves less is parked
 PEAK = 1.875  # [1], peak by mean speed of a minimum-jerk motion
 
 
@@ -22,13 +20,9 @@ def tip_paths(
     None stands for the path of a parked finger.  Raises LimitError.
     """
     given = trajectory, fingers, longest, FAR, LimitError
-    time, p_wf = checked_trajectory(*given)
-    duration = float(time[-1] - time[0])
-    steps = max(round(duration * control), 2)
-    path = PchipInterpolator(time - time[0], p_wf)(np.linspace(0, duration, steps + 1))
-    parked = np.ptp(p_wf, axis=0).max(axis=-1) < STILL
-    paths = [None if parked[k] else path[:, k] for k in range(fingers)]
-    return paths, duration
+    path, duration, parked = path_of(*given)
+    rows = path(np.linspace(0, duration, max(round(duration * control), 2) + 1))
+    return [None if parked[k] else rows[:, k] for k in range(fingers)], duration
 
 
 def way_there(

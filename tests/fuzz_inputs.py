@@ -33,9 +33,8 @@ from hardware.serial_tactile import (
 from hardware.simulated_robot import simulated_rig
 from hardware.tape import Tape
 from hardware.touch import FieldTouch, ForceTouch, Hysteresis, Tare
-from tactilenlp.common.validation import checked_trajectory
+from tactilenlp.geometry.interpolation import path_of
 from tactilenlp.problem.pages import page_of, shape_of
-from tactilenlp.simulation.arguments import path_of
 
 WIDE = 0.3  # share of the arguments that are changed
 T, F = 6, 2
@@ -164,8 +163,7 @@ def calls() -> tuple:
         ("random", space.random, (np.random.default_rng(0), None)),
         ("trajectory", action.trajectory, ((0.0, 0.0, 0.02),)),
         ("positions", action.positions, ((0.0, 0.0, 0.02), 5)),
-        ("path_of", lambda *a: path_of(t.Trajectory(*a), F), tuple(path.values())),
-        ("checked_trajectory", _hardware_path, tuple(path.values())),
+        ("path_of", _path, tuple(path.values())),
         ("select", data.select, ([0],)),
         ("append", data.append, (data,)),
         ("is_prefix_of", data.is_prefix_of, (data,)),
@@ -188,8 +186,8 @@ def calls() -> tuple:
     )
 
 
-def _hardware_path(time, position):
-    return checked_trajectory(t.Trajectory(time, position), F, 60.0, FAR, LimitError)
+def _path(time, position):
+    return path_of(t.Trajectory(time, position), F, 60.0, FAR, LimitError)
 
 
 def _variable(rows, columns, guess, lower, upper, scale):

@@ -24,14 +24,14 @@ from foreign import arguments, errors_in, warm
 from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
 from foreign_report import ratios
-from foreign_world import REST, SCENE, STEP, ForeignWorld, Simulation
+from foreign_world import FINGERS, REST, SCENE, STEP, ForeignWorld, Simulation
 from judging import placed, refusal
-from scipy.interpolate import PchipInterpolator
 from study import grouped, table, tabled_study, telling, write_csv
 from trimesh.creation import box as box_mesh
 
 from tactilenlp import Measurements, Scene, TrueBody, explore, surface_distance
 from tactilenlp.errors import TactileError
+from tactilenlp.geometry.interpolation import path_of
 
 BEYOND = 5.0  # [sigma] further off is confidently wrong, if the fit is good
 SUMMARY = ("n", "surface_mm", "p90_mm", "worst_mm", "within_3", "beyond_good", "nees")
@@ -47,13 +47,11 @@ class TouchedSimulation:
 
     def execute(self, trajectory) -> Measurements:
         """Move the fingers along a trajectory; then take them away."""
-        told = trajectory.time - trajectory.time[0]
-        path = PchipInterpolator(told, trajectory.finger_position)
-        parked = np.ptp(trajectory.finger_position, axis=0).max(axis=1) == 0
+        path, duration, parked = path_of(trajectory, FINGERS, np.inf, np.inf)
         simulation, rows = self.simulation, []
         every = round(1 / (self.world.rate * STEP))
         simulation.place(path(0.0))
-        for k in range(int(told[-1] / (every * STEP)) * every + 1):
+        for k in range(int(duration / (every * STEP)) * every + 1):
             if k % every == 0:
                 rows.append((*simulation.reading(), simulation.fingers))
                 self.pose = simulation.pose

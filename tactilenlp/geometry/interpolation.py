@@ -1,8 +1,26 @@
-"""Gaps of time series, filled on a straight line between what is known."""
+"""Interpolation in time: paths of fingers, and gaps of recorded series."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+
+from ..common.validation import checked_trajectory
+
+PARKED_MOTION = 1e-9  # [m] a finger whose path is shorter is parked
+
+
+def path_of(trajectory, *limits) -> tuple[Callable, float, np.ndarray]:
+    """Return finger positions as a function of time, duration [s], parked fingers (F,).
+
+    By PCHIP, from time 0.  limits, and what is raised: as in checked_trajectory.
+    """
+    from scipy.interpolate import PchipInterpolator  # lazily: import stays light
+
+    time, p_wf = checked_trajectory(trajectory, *limits)
+    parked = np.ptp(p_wf, axis=0).max(axis=1) < PARKED_MOTION
+    return PchipInterpolator(time - time[0], p_wf), float(time[-1] - time[0]), parked
 
 
 def fill_gaps(values: np.ndarray, time: np.ndarray, group: np.ndarray, gone) -> None:

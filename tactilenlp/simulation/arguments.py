@@ -1,18 +1,15 @@
-"""Check the arguments of a World and its trajectories; convert them to arrays."""
+"""Check the arguments of a World; convert them to arrays."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 
 from ..common.validation import (
     as_floats,
-    checked_trajectory,
     checked_unit,
     numbers_of,
 )
-from ..data.measurements import FARTHEST, UNIT_TOLERANCE
+from ..data.measurements import UNIT_TOLERANCE
 from ..errors import SceneError, shortened
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import rotation_of
@@ -20,9 +17,7 @@ from .mujoco_plant import MAX_RESTITUTION, TIME_STEP
 
 MAX_SIDE = 5.0  # [m] of a box: larger values are most likely millimetres
 MAX_DEPTH = 1e-5  # [m] below the ground at first: from deeper, the body jumps up
-LONGEST_ACTION = 600.0  # [s] of an action: 2.4 million steps
 LONGEST_REST = 30.0  # [s] before the first action: 120 000 steps, computed at once
-PARKED_MOTION = 1e-9  # [m] a finger whose path is shorter is parked
 ABOVE_ZERO = np.finfo(float).tiny  # the least number that MuJoCo can divide by
 WORLD_NUMBERS = {  # in words, the least, and what is too large
     "mass": ("a mass above 0 kg", ABOVE_ZERO, np.inf),
@@ -44,19 +39,6 @@ WORLD_NUMBERS = {  # in words, the least, and what is too large
         *(0.0, np.nextafter(MAX_RESTITUTION, np.inf)),
     ),
 }
-
-
-def path_of(trajectory, F: int) -> tuple[Callable, float, np.ndarray]:
-    """Return finger positions as a function of time, duration [s], parked fingers (F,).
-
-    Raises OptionError for a malformed trajectory.
-    """
-    from scipy.interpolate import PchipInterpolator
-
-    limits = LONGEST_ACTION, FARTHEST
-    time, position = checked_trajectory(trajectory, F, *limits)
-    parked = np.ptp(position, axis=0).max(axis=1) < PARKED_MOTION
-    return PchipInterpolator(time - time[0], position), time[-1] - time[0], parked
 
 
 def pose_of(position, quaternion, corners: np.ndarray, ground: float | None):

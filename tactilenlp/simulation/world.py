@@ -10,16 +10,15 @@ import numpy as np
 from ..common.npz import write_npz
 from ..common.validation import check_types
 from ..data.ground import scene_number
-from ..data.measurements import Measurements
+from ..data.measurements import FARTHEST, Measurements
 from ..data.noise_model import Noise, add_noise
 from ..errors import SceneError, typed_call
 from ..evaluation.metrics import TrueBody
+from ..geometry.interpolation import PARKED_MOTION, path_of
 from .arguments import (
-    PARKED_MOTION,
     WORLD_NUMBERS,
     centred_hull,
     checked_lengths,
-    path_of,
     pose_of,
     world_error,
 )
@@ -27,6 +26,7 @@ from .mujoco_plant import TIME_STEP, Plant
 
 SAMPLE_RATE = 30  # [Hz] of the record, as the tactile sensors of the paper
 CONTACT_STEPS = 40  # steps (10 ms) over which a sensor averages the contact force
+LONGEST_ACTION = 600.0  # [s] of an action: 2.4 million steps
 SAME_INSTANT = 1e-6  # [s] largest difference of equal times
 BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, along the contact normal
 RETURN_TIME = 0.4  # [s] then, back along the path
@@ -154,7 +154,8 @@ class World:
 
         Raises OptionError for a malformed trajectory, or one that starts in a body.
         """
-        path, duration, parked = path_of(trajectory, len(self.finger_radius))
+        limits = len(self.finger_radius), LONGEST_ACTION, FARTHEST
+        path, duration, parked = path_of(trajectory, *limits)
         each = max(1, round(1 / (self.rate * TIME_STEP)))  # steps per sample
         steps = np.arange(int(duration / (each * TIME_STEP) + 1e-6) * each + 1)
         reference = path(np.minimum(steps * TIME_STEP, duration))
