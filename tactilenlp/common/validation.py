@@ -109,14 +109,14 @@ def check_path(path) -> None:
         _refuse(OptionError, "not a path", "path", path, "a str or a Path")
 
 
-def check_numbers(where: str, expected: str, **given) -> None:
+def check_numbers(expected: str, **given) -> None:
     """Raise OptionError unless name=(value, low, high) is a number above low.
 
     It may equal high.  Infinity is a number; NaN, None, booleans and arrays are not.
     """
     for name, (value, low, high) in given.items():
         if not low < as_number(value) <= high:
-            _refuse(OptionError, "out of range", f"{where}{name}", value, expected)
+            _refuse(OptionError, "out of range", name, value, expected)
 
 
 def check_range(

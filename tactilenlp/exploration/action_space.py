@@ -14,7 +14,7 @@ from ..common.brief import printed, shown
 from ..common.validation import (
     as_array,
     as_floats,
-    as_number,
+    check_numbers,
     check_types,
     check_whole,
     checked_array,
@@ -80,10 +80,10 @@ class Workspace:
     def __post_init__(self) -> None:
         check_whole("fingers", self.fingers, 1, MOST_FINGERS)
         check_types(ground=(self.ground, (Ground, type(None))))
-        for name in (f.name for f in fields(self) if f.type == "float"):
-            value = getattr(self, name)
-            if not (0 < as_number(value) < np.inf):
-                raise _option_error(name, "a number above 0", value)
+        floats = [f.name for f in fields(self) if f.type == "float"]
+        finite = np.finfo(float).max
+        given = {name: (getattr(self, name), 0, finite) for name in floats}
+        check_numbers("a finite number above 0", **given)
         if self.bound > np.pi / 2:
             fix = "convert degrees by numpy.radians"
             raise _option_error("bound", "at most pi / 2 [rad]", self.bound, fix)

@@ -66,11 +66,11 @@ class ExploreOptions:
             shape_of(self.shape)
         if self.centre is not None:
             checked_centre(self.centre)
-        check_numbers("", "a whole number from 0", actions=(self.actions, -1, np.inf))
-        check_numbers("", "a whole number from 0", seed=(self.seed, -1, np.inf))
+        check_numbers("a whole number from 0", actions=(self.actions, -1, np.inf))
+        check_numbers("a whole number from 0", seed=(self.seed, -1, np.inf))
         if self.until is not None and not callable(self.until):
             expected = "a standard deviation above 0 [m], or a function"
-            check_numbers("", expected, until=(self.until, 0, 1))
+            check_numbers(expected, until=(self.until, 0, 1))
         check_search(self.search, self.budget)
         check_policy(self.policy)
 

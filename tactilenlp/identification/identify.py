@@ -158,7 +158,7 @@ def _solved_in_time(window, scene, options):
 
 
 def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
-    check_numbers("", "a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
+    check_numbers("a time [s] above 0", time_limit=(time_limit, 0.0, np.inf))
     check_types(
         trajectories=(trajectories, Trajectories),
         scene=(scene, Scene),
@@ -166,7 +166,7 @@ def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
     )
     check_one_of("shape", shape, BODY_SHAPES, "unknown shape")
     if gauge is not None:
-        check_numbers("", "None, or a number near 1", gauge=(gauge, 0.5, 2))
+        check_numbers("None, or a number near 1", gauge=(gauge, 0.5, 2))
     if scene.ground is None:
         raise SceneError(
             "nothing to fall on", where="scene.ground", got="None",

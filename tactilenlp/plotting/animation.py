@@ -88,7 +88,7 @@ def _renew_key(axis) -> None:
 def _writer_of(path, view: str, every: int, rate: float, truth) -> type:
     """Return the writer of a path's format; OptionError for bad arguments."""
     check_path(path)
-    check_numbers("", "frames per second above 0", rate=(rate, 0, np.inf))
+    check_numbers("frames per second above 0", rate=(rate, 0, np.inf))
     suffix = Path(path).suffix.lower()
     for where, got, known in (("path", suffix, WRITERS), ("view", view, VIEWS)):
         check_one_of(where, got, known, "unknown")

@@ -63,7 +63,7 @@ def has_library(name: str) -> bool:
 def check_positive(options, *names: str) -> None:
     """Raise OptionError unless the named fields are positive numbers."""
     given = {name: (getattr(options, name), 0, math.inf) for name in names}
-    check_numbers("", "a positive number", **given)
+    check_numbers("a positive number", **given)
 
 
 @typed_call()
@@ -162,7 +162,7 @@ class Settings:
                 check_types(**{name: (value, (int, np.integer))})
             expected = "a whole number from 0" if count else "a positive number"
             limits = -1 if count else 0, math.inf
-            check_numbers("ipopt ", expected, **{name: (value, *limits)})
+            check_numbers(expected, **{f"ipopt {name}": (value, *limits)})
 
 
 NAMES = {field.name for field in fields(Settings)}
