@@ -22,6 +22,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +34,10 @@ MOST_MEMORY = 1e9  # [bytes] of a process
 ADDRESSES = 8 << 30  # [bytes] of addresses: what asks for more gets a MemoryError
 SHARD = 20_000  # inputs of a process
 SHOWN = 30  # failures that are printed
-KINDS = {  # share of the inputs
-    "constructor": 0.45, "call": 0.25, "wire": 0.2, "load": 0.066, "method": 0.03,
-    "command": 0.004,
+KINDS = {  # share of the inputs, and the module with the function that draws them
+    "constructor": (0.45, "fuzz_inputs"), "call": (0.25, "fuzz_inputs"),
+    "wire": (0.2, "fuzz_inputs"), "load": (0.066, "fuzz_files"),
+    "method": (0.03, "fuzz_files"), "command": (0.004, "fuzz_commands"),
 }  # fmt: skip
 
 
@@ -45,15 +47,7 @@ class Hang(BaseException):
 
 def kinds() -> dict:
     """Return the function that draws an input of each kind."""
-    import fuzz_commands
-    import fuzz_files
-    import fuzz_inputs
-
-    return {
-        "constructor": fuzz_inputs.constructor, "call": fuzz_inputs.call,
-        "wire": fuzz_inputs.wire, "load": fuzz_files.load,
-        "method": fuzz_files.method, "command": fuzz_commands.command,
-    }  # fmt: skip
+    return {k: getattr(import_module(module), k) for k, (_, module) in KINDS.items()}
 
 
 def one(draw, known, seed: int, number: int, only: str | None) -> tuple[str, str]:
@@ -61,7 +55,7 @@ def one(draw, known, seed: int, number: int, only: str | None) -> tuple[str, str
     from tactilenlp.errors import TactileError
 
     rng = np.random.default_rng([seed, number])
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    kind = str(rng.choice(list(KINDS), p=[share for share, _ in KINDS.values()]))
     kind = only or kind
     signal.setitimer(signal.ITIMER_REAL, LONGEST)
     faulthandler.dump_traceback_later(STUCK, exit=True)
@@ -151,14 +145,12 @@ def fuzz(estimates, seed: int, inputs: int, seconds: float, only=None, first=0) 
         while done < first + inputs and time.time() < end:
             count = min(SHARD, first + inputs - done)
             told = [folder, seed, done, count, end, only or ""]
-            found = in_process(Path(folder), told, seed)
+            found = in_process(Path(folder), told)
             for *key, n in found["counts"]:
                 counts[tuple(key)] += n
             failures += found["failures"]
-            memory, slowest = (
-                max(memory, found["memory"]),
-                max(slowest, found["slowest"]),
-            )
+            memory = max(memory, found["memory"])
+            slowest = max(slowest, found["slowest"])
             done += count
     if memory > MOST_MEMORY:
         failures.append({"number": -1, "what": f"{memory / 1e9:.2f} GB of memory"})
@@ -168,7 +160,7 @@ def fuzz(estimates, seed: int, inputs: int, seconds: float, only=None, first=0) 
     }  # fmt: skip
 
 
-def in_process(folder: Path, told: list, seed: int) -> dict:
+def in_process(folder: Path, told: list) -> dict:
     """Run a shard in a process; a signal or a hang of it is a failure."""
     command = [sys.executable, __file__, "--shard", *map(str, told)]
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
@@ -184,21 +176,16 @@ def in_process(folder: Path, told: list, seed: int) -> dict:
 
 def report(found: dict) -> str:
     """Return the counts of each kind, and the failures with their reproducers."""
-    sums = collections.Counter()
-    for (kind, _), n in found["counts"].items():
-        sums[kind] += n
-    total = sum(sums.values())
     lines = [
-        f"seed {found['seed']}: {total} inputs in {found['seconds']:.0f} s, "
+        f"seed {found['seed']}: {found['counts'].total()} inputs in "
+        f"{found['seconds']:.0f} s, "
         f"{found['memory'] / 1e6:.0f} MB, {len(found['failures'])} failures, the "
         "slowest input {:.1f} s (number {})".format(*found["slowest"])
     ]
-    for kind, n in sums.items():
-        ways = {way: m for (k, way), m in found["counts"].items() if k == kind}
-        few = ", ".join(
-            f"{w} {m}" for w, m in sorted(ways.items(), key=lambda p: -p[1])
-        )
-        lines.append(f"  {kind}: {n} ({few})")
+    for kind in dict.fromkeys(kind for kind, _ in found["counts"]):
+        ways = [(w, n) for (k, w), n in found["counts"].most_common() if k == kind]
+        few = ", ".join(f"{way} {n}" for way, n in ways)
+        lines.append(f"  {kind}: {sum(n for _, n in ways)} ({few})")
     alike = collections.defaultdict(list)
     for bad in found["failures"]:
         alike[bad["what"].split(":")[0] + bad["what"].split(" in ")[0]].append(bad)

@@ -37,7 +37,7 @@ def test_a_bare_error_a_hang_and_a_signal_are_failures(tmp_path, monkeypatch):
     script.write_text("#!/bin/sh\nkill -SEGV $$\n")
     script.chmod(0o700)
     monkeypatch.setattr(fuzzing.sys, "executable", str(script))
-    (failed,) = fuzzing.in_process(tmp_path, [], 0)["failures"]
+    (failed,) = fuzzing.in_process(tmp_path, [])["failures"]
     assert failed["number"] == 7
     assert "exit code -11" in failed["what"]
 
