@@ -175,7 +175,8 @@ def typed_call(error: type[TactileError] = OptionError) -> Callable:
 
 def did_you_mean(name, names) -> str:
     """Return a question for the name that is most like an unknown one, or ""."""
-    like = get_close_matches(name, [*names], 1) if isinstance(name, str) else []
+    words = [known for known in names if isinstance(known, str)]
+    like = get_close_matches(name, words, 1) if isinstance(name, str) else []
     return f"did you mean {like[0]!r}?" if like else ""
 
 

@@ -108,7 +108,7 @@ def test_errors_and_overload_are_told_apart():
 def test_the_configuration_packet_is_the_documented_one():
     assert encode_configuration(100, 15) == bytes.fromhex("AA0032030A040000ED")
     assert encode_configuration(1000, 0, zero=True)[4:7] == bytes([1, 0, 255])
-    for wrong in ((200, 0), (1000, 7)):
+    for wrong in ((200, 0), (1000, 7), ("1000", 0)):
         with pytest.raises(FrameError, match="one of"):
             encode_configuration(*wrong)
 
