@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..errors import UnknownNameError, did_you_mean, shortened
+from ..errors import UnknownNameError
+from .validation import check_one_of
 
 
 class Named(dict):
@@ -16,11 +17,7 @@ class Named(dict):
         self.where = where
 
     def __missing__(self, name):
-        names = [*self]
-        raise UnknownNameError(
-            "no such name", where=self.where, got=shortened(name, most=80),
-            expected=f"one of {names}", next=did_you_mean(name, names),
-        )  # fmt: skip
+        check_one_of(self.where, name, self, "no such name", UnknownNameError)
 
     def __reduce__(self):
         return Named, (self.where, dict(self))

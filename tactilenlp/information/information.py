@@ -192,13 +192,9 @@ class Information:
     def part(self, name: str) -> np.ndarray:
         """Return what one term, or all terms of a role, add to the matrix (k, k)."""
         check_types(name=(name, str))
-        chosen = [n for n, role in self.roles.items() if name in (n, role)]
-        if not chosen:
-            raise OptionError(
-                "no such term or role", where="information", got=name,
-                expected=f"one of {sorted({*self.roles, *self.roles.values()})}",
-            )  # fmt: skip
-        return sum(self.parts[n] for n in chosen)
+        known = sorted({*self.roles, *self.roles.values()})
+        check_one_of("information", name, known, "no such term or role")
+        return sum(self.parts[n] for n, role in self.roles.items() if name in (n, role))
 
     @property
     def also(self) -> tuple[str, ...]:
