@@ -78,7 +78,8 @@ class Workspace:
     obstacles: tuple = ()
 
     def __post_init__(self) -> None:
-        check_whole("fingers", self.fingers, 1, MOST_FINGERS)
+        what = "no integer in range"
+        check_whole("fingers", self.fingers, 1, MOST_FINGERS, what=what)
         check_types(ground=(self.ground, (Ground, type(None))))
         floats = [f.name for f in fields(self) if f.type == "float"]
         finite = np.finfo(float).max
