@@ -9,7 +9,7 @@ from formulations.between_actions import GAP
 from formulations.rigid_body import ARM
 from formulations.shape import CUBOID
 from tactilenlp.shapes import CYLINDER
-from tactilenlp.tracking import mapped
+from tactilenlp.tracking import filter_steps, mapped
 from tactilenlp.tracking.filter_steps import OUTLIER, corrections, prediction
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.tracking import between_actions
@@ -131,6 +131,21 @@ def test_a_covariance_moves_with_the_slopes_and_grows_by_the_process_noise():
     assert np.diag(added)[:3] == pytest.approx(np.zeros(3), abs=1e-18)
     both = noisier - F @ A @ A.T @ F.T
     assert np.diag(both)[3:] == pytest.approx(4 * np.diag(added)[3:], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["TOUCHED", "PUSH_ERROR", "ADDED_VARIANCE"])
+def test_an_edited_process_noise_is_not_that_of_an_earlier_compilation(
+    name, monkeypatch
+):
+    way = at_side(0.0305, 0.01), at_side(0.0295, 0.012)
+    usual = moved(CUBOID, BOX, way)[1]
+    monkeypatch.setattr(filter_steps, name, 3 * getattr(filter_steps, name))
+    prediction.cache_clear()
+    try:
+        edited = moved(CUBOID, BOX, way)[1]
+    finally:
+        prediction.cache_clear()
+    assert (np.diag(edited)[3:] > np.diag(usual)[3:]).all()
 
 
 def test_a_touch_corrects_as_a_kalman_filter_does():

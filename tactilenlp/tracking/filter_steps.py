@@ -44,13 +44,13 @@ def prediction(shape, fingers: int) -> MappedFunction:
         for f, way in enumerate(ca.horzsplit(ways))
     ]
     motion = pushed(shape, z, moves, before, (given[0], given[1]))
+    way, last = (way_of(ca.norm_2(d[:2]), d[2]) for d in (motion, before))
+    noise = given[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
+    added = ca.vertcat(ca.SX(shape.theta, 1), noise**2 + ADDED_VARIANCE)
     arguments = z, before, press, ca.vec(ways), given
 
     def derive():
         slopes = ca.densify(ca.jacobian(motion, z))
-        way, last = (way_of(ca.norm_2(d[:2]), d[2]) for d in (motion, before))
-        noise = given[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
-        added = ca.vertcat(ca.SX(shape.theta, 1), noise**2 + ADDED_VARIANCE)
         F = ca.SX.eye(z.numel())
         F[-3:, :] += slopes
         after = ca.vertcat(z[:-3], z[-3:] + motion)
@@ -58,7 +58,7 @@ def prediction(shape, fingers: int) -> MappedFunction:
         given_in_order = z, _triangle(P), *arguments[1:]
         return [of_columns("prediction", given_in_order, (*found, ca.vec(slopes)))]
 
-    whole = ca.Function("pushed", arguments, [motion])
+    whole = ca.Function("pushed", arguments, [motion, added])
     return mapped(("prediction",), whole, derive)[0]
 
 

@@ -55,8 +55,9 @@ def mapped(
 ) -> list[MappedFunction]:
     """Return the functions that `derive` returns, compiled for several columns.
 
-    names: of these functions; origin: from which derive makes them, by what its module
-    states.  They are not derived where they were compiled earlier.
+    names: of these functions; origin: all expressions from which derive makes them,
+    with what these take from other modules, such as constants; derive's own module is
+    read as text.  They are not derived where both are as in an earlier compilation.
     """
     text = inspect.getsource(inspect.getmodule(derive)) + origin.serialize()
     compiled = kept(names, text)
