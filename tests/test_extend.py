@@ -90,6 +90,30 @@ def test_terms_of_one_name_are_replaced_by_the_part_before_the_comma(two):
             assert not changed.value(name, changed.pack({}), changed.data()).any()
 
 
+@pytest.mark.parametrize("how", [{"replace": {"finger cone": square}},
+                                 {"without": "finger cone"}])  # fmt: skip
+def test_no_report_measures_a_cone_that_was_replaced_or_omitted(two, how):
+    assert "finger cone, exact" in problem_of(*two, PAGE).reports
+    changed = problem_of(*two, extend(PAGE, **how)).reports
+    assert "finger cone, exact" not in changed
+    assert "ground cone, exact" in changed
+
+    def own(nlp, window, scene, shape):
+        """Report the violation of a cone of four sides."""
+        lam, outside = nlp.variables["finger"], lambda lam: -square(lam, 0.5, 1, 0)
+        nlp.report("finger cone, exact", outside, lam)
+
+    changed = problem_of(*two, extend(PAGE, own, **how))
+    assert changed.reports["finger cone, exact"].function.rows == 4
+
+
+def test_a_replaced_balance_is_not_said_to_give_way_as_that_of_the_page(two):
+    names = problem_of(*two, "complementarity").reports.keys()
+    page = extend("complementarity", replace={"balance": lambda *_: 0.0})
+    left = problem_of(*two, page).reports.keys()
+    assert names - left == {name for name in names if name.endswith(", gives")} != set()
+
+
 def test_added_terms_read_displaced_fingers(two):
     data, scene = two
     page = extend(PAGE, pull)

@@ -13,6 +13,7 @@ from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
+from formulations.names import EXACT, GIVES
 from formulations.page_contract import INHERITED, contract_of
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
@@ -52,9 +53,8 @@ def shape_of(shape) -> Shape:
     """Return the shape of a name, or a user's; OptionError for an unknown name."""
     if isinstance(shape, Shape):
         for field, got, expected, remedy in unfit_fields(shape):
-            where = f"shape.{field}"
             raise OptionError(
-                "unfit", where=where, got=got, expected=expected, next=remedy
+                "unfit", where=f"shape.{field}", got=got, expected=expected, next=remedy
             )
         return shape
     sides = PRISM.fullmatch(shape) if isinstance(shape, str) else None
@@ -115,12 +115,10 @@ def _module_of(formulation: str, shape) -> str:
         return formulation
     if formulation not in shape.own_pages:
         raise OptionError(
-            f"no page of this name for a {shape.name}",
-            where="formulation",
-            got=formulation,
-            expected=" or ".join(f'"{name}"' for name in shape.own_pages),
+            f"no page of this name for a {shape.name}", where="formulation",
+            got=formulation, expected=" or ".join(f'"{n}"' for n in shape.own_pages),
             next='use shape="cuboid", or give a page of your own',
-        )
+        )  # fmt: skip
     return f"{shape.name}_{formulation}"
 
 
@@ -150,10 +148,10 @@ def extend(
     function that takes its place with the same arguments; without: names of terms to
     omit; parts: further arguments of the base's `build`, such as `law`.
 
-    LEVELS, OFFSETS and other constants are the base's; where fingers have offsets, the
-    terms read displaced fingers.  The base's term functions are shared between problems
-    as before, new ones are not.  Raises OptionError here, and PageError when the
-    programme is built, where the base states no term of a given name.
+    Reports about replaced and omitted terms, "<name>, exact" and "<name>, gives", are
+    omitted; `terms` may add others.  LEVELS and other constants are the base's, as are
+    its shared term functions; where fingers have offsets, terms read displaced fingers.
+    Raises OptionError, and in `build` PageError where no term of the base has a name.
     """
     base = page_of(base, shape_of(shape))
     replace = {} if replace is None else replace
@@ -161,8 +159,7 @@ def extend(
     _check_extension(base, terms, replace, without, parts)
     name = _extended_name(base, terms, (*replace, *parts), without)
     page = ModuleType(name, base.__doc__)
-    known = (name for name in INHERITED if hasattr(base, name))
-    vars(page).update({name: getattr(base, name) for name in known})
+    vars(page).update({n: getattr(base, n) for n in INHERITED if hasattr(base, n)})
 
     def build(nlp, window, scene, shape):
         """Fill `nlp` with the base, then with the terms."""
@@ -216,8 +213,7 @@ def _check_extension(base, terms, replace, without, parts) -> None:
         if not takes(term, 4):
             raise OptionError(
                 "a term of other arguments", where="extend",
-                got=_signature(term),
-                expected="term(nlp, window, scene, shape)",
+                got=_signature(term), expected="term(nlp, window, scene, shape)",
             )  # fmt: skip
     known = [*inspect.signature(base.build).parameters][4:]
     if unknown := [name for name in parts if name not in known]:
@@ -231,8 +227,8 @@ class _Edited:
     """A problem as the base of an extended page sees it: some terms are others."""
 
     def __init__(self, nlp, replace: dict, without: tuple):
-        self._nlp, self._replace, self._without = nlp, replace, without
-        self._met, self._stated = set(), []
+        self._nlp, self._stated = nlp, []
+        self._edits = {**replace, **dict.fromkeys(without)}  # None: omitted
 
     def __getattr__(self, name):
         return getattr(self._nlp, name)
@@ -245,27 +241,35 @@ class _Edited:
         """Add a constraint, unless it is omitted; its function may be another one."""
         self._add(self._nlp.subject_to, name, function, arguments, limits)
 
+    def report(self, name, function, *arguments):
+        """Add a report, unless it is about a term that is omitted or another one."""
+        if self._key_of(name.removesuffix(EXACT).removesuffix(GIVES)) is None:
+            self._nlp.report(name, function, *arguments)
+
+    def _key_of(self, name) -> str | None:
+        """Return the name under which a term is edited: its own, or up to a comma."""
+        names = name, name.partition(",")[0]
+        return next((key for key in names if key in self._edits), None)
+
     def _add(self, add, name, function, arguments, more):
-        known = {name, name.partition(",")[0]}
         self._stated.append(name)
-        self._met |= known
-        if known.intersection(self._without):
-            return
-        for key in known.intersection(self._replace):
-            if not takes(self._replace[key], len(arguments)):
+        key = self._key_of(name)
+        if key is None:
+            add(name, function, *arguments, **more)
+        elif (other := self._edits[key]) is not None:
+            if not takes(other, len(arguments)):
                 raise PageError(
                     "a term of other arguments", where=f"replace: {key}",
-                    got=_signature(self._replace[key]), expected=_signature(function),
+                    got=_signature(other), expected=_signature(function),
                     next="take as many arguments as the term that is replaced",
                 )  # fmt: skip
             with _unshared(self._nlp):
-                add(name, self._replace[key], *arguments, **more)
-            return
-        add(name, function, *arguments, **more)
+                add(name, other, *arguments, **more)
 
     def check_met(self) -> None:
         """Raise PageError where the base states no term of a name."""
-        if unknown := sorted({*self._replace, *self._without} - self._met):
+        met = {n for name in self._stated for n in (name, name.partition(",")[0])}
+        if unknown := sorted(self._edits.keys() - met):
             raise PageError(
                 "the page states no such term", where="extend", got=str(unknown)[1:-1],
                 expected=f"one of {self._stated}",
