@@ -16,6 +16,7 @@ from swing_up import (
 from tactilenlp.errors import NotConverged, OptionError, PageError
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solution import violation_in_words
 from tactilenlp.solvers.solve import solve
 
 
@@ -42,6 +43,16 @@ def test_an_infeasible_problem_names_its_worst_terms_and_carries_them():
     # Two metres apart, shared between the two however the solver likes.
     assert violations["above the table"] + violations["below the lamp"] >= 2.0 - 1e-6
     assert violations["anywhere"] == 0.0
+
+
+def test_the_largest_violation_is_told_with_the_name_of_its_constraint():
+    solution = solve(impossible(), throw=False)
+    worst = max(solution.violations, key=solution.violations.get)
+    words = violation_in_words(solution.violations)
+    assert repr(worst) in words
+    assert f"{solution.violations[worst]:.1g} (dimensionless)" in words
+    assert violation_in_words({"anywhere": 0.0}) == "no constraint is violated"
+    assert violation_in_words({}) == "no constraint is violated"
 
 
 def test_the_error_survives_a_journey_between_processes():

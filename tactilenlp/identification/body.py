@@ -16,6 +16,7 @@ import numpy as np
 
 from ..common.brief import printed
 from ..information.goodness_of_fit import MARGIN, Misfit, verdict_of
+from ..solvers.solution import violation_in_words
 
 UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 STEP_MEAN, STEP_SPREAD = 2.24, 1.05  # [nats] of the pseudo-Huber cost of chi-square(6)
@@ -124,7 +125,7 @@ class Body:
             f"multiplied by {self.gauge:.4f} ± {sigma['gauge']:.4f}.",
             f"known_trajectory: {self.status}, objective {self.objective:.1f} nats "
             f"after {self.iterations} iterations, {self.seconds['total']:.1f} CPU s; "
-            f"largest violation {max(self.violations.values()):.1g}.",
+            f"{violation_in_words(self.violations)}.",
             self.fit.text,
         ]
         if self.unobserved:

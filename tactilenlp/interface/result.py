@@ -56,7 +56,7 @@ class Estimate:
     impulses:      (T, 3) [N s] by contact, on the object over (t-1, t], world frame
     unknowns:      (rows, columns) [SI] by the page's names; so are bound_multipliers
     costs:         [nats] by name, sum `objective`; of physics 0 where its law holds
-    violations:    the largest of each constraint, in its unit; multipliers: by name
+    violations:    the largest of each constraint, dimensionless; multipliers: by name
     success, status, iterations, evaluations, progress, solver, stationarity,
     complementarity: of the solve, as in Solution
     seconds:       [s] of CPU time by step; "compilation": of waiting for compilers

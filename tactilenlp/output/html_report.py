@@ -12,6 +12,7 @@ import numpy as np
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
 from ..geometry.faces import face_sigma, polygons
+from ..solvers.solution import violation_in_words
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 from .export import check_format
 from .summary import MM_PER_M, has_sides, named_sizes, yaw_of
@@ -200,13 +201,12 @@ def _fit(fit) -> dict | None:
 
 
 def _solve(estimate) -> list[list[str]]:
-    violation = max(estimate.violations.values(), default=0.0)
     return [
         ["formulation", estimate.formulation],
         ["status", estimate.status],
         ["iterations", str(estimate.iterations)],
         ["CPU time", f"{estimate.seconds['total']:.1f} s"],
-        ["largest violation", f"{violation:.1g}"],
+        ["constraints", violation_in_words(estimate.violations)],
         [
             "samples, actions",
             f"{len(estimate.position)}, {estimate.measurements.actions}",

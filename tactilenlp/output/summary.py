@@ -10,6 +10,8 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import LATE_NORMALS, RADIUS_OF, ROUNDED_EDGES
 from formulations.rigid_body import G
 
+from ..solvers.solution import violation_in_words
+
 MM_PER_M, MS_PER_S = 1e3, 1e3  # [mm/m], [ms/s]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
 LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits
@@ -20,14 +22,14 @@ def summary_of(estimate) -> str:
     """Return a paragraph: size, pose, sigma, solve, remarks, what was left out."""
     x, y, z = MM_PER_M * estimate.position[-1]
     a, b, c = MM_PER_M * estimate.information.sigma("position")
-    worst = max(estimate.violations.values(), default=0.0)
     lines = [
         f"{article(estimate.shape)} {estimate.shape} of {size_of(estimate)} "
         f"at ({x:.2f}, {y:.2f}, {z:.2f}) mm ± ({a:.2f}, {b:.2f}, {c:.2f}) mm, "
         f"{orientation_of(estimate)}, at the last sample.",
         f"{estimate.formulation}: {estimate.status}, objective "
         f"{estimate.objective:.2f} nats after {estimate.iterations} iterations, "
-        f"{estimate.seconds['total']:.1f} CPU s; largest violation {worst:.1g}.",
+        f"{estimate.seconds['total']:.1f} CPU s; "
+        f"{violation_in_words(estimate.violations)}.",
     ]
     if estimate.information.path is not None:
         off = MM_PER_M * estimate.sigma_position.max(axis=1)

@@ -197,6 +197,17 @@ def check_finite(problem: Problem, solution: Solution) -> None:
         )  # fmt: skip
 
 
+def violation_in_words(violations: dict[str, float]) -> str:
+    """Name the constraint that is violated most, and by how much.
+
+    Pages divide constraints by a weight, a length or a scale: one tolerance is for all.
+    """
+    worst = max(violations, key=violations.get, default=None)
+    if worst is None or violations[worst] == 0.0:
+        return "no constraint is violated"
+    return f"largest violation {violations[worst]:.1g} (dimensionless) of {worst!r}"
+
+
 def _advice(solution: Solution, limit: bool) -> str:
     """Return what to do about a failed solve; limit: whether a time limit ended it."""
     if solution.status == TIME_EXCEEDED or limit:
