@@ -13,6 +13,7 @@ from tactilenlp import Estimate, Options, solve_estimate
 from tactilenlp.errors import OptionError
 from tactilenlp.information import error_budget
 from tactilenlp.information.error_budget import OF_PRIORS, POOR_FIT
+from tactilenlp.information.information import Information
 
 DOCUMENTED = {*re.findall(r"^    ([a-z].*?)  ", error_budget.__doc__, re.M)}
 
@@ -81,7 +82,10 @@ def test_a_budget_survives_a_file_and_files_from_before_have_none(touched, tmp_p
 def test_covariances_of_a_file_from_before_count_by_their_variances(touched):
     spread = touched.information.spread
     shares = {"physics": 0.3 * spread, "priors": 0.7 * spread}
-    before = replace(touched.information, budget=shares)
+    fields = vars(touched.information) | {"budget": shares}
+    before = Information.from_file(**fields)
+    assert {error.ndim for error in before.budget.values()} == {1}
+    assert shares["priors"].ndim == 2  # what was given stays as it was
     check_budget(before)
     priors, sigma = (
         before.error_budget("side_lengths")["priors"],

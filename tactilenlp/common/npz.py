@@ -4,7 +4,8 @@ Nothing in a file is executed (no pickle), and any reader of .npz files can open
 The header of a result holds format, version and the libraries that wrote it.  Its
 `content` is a tree in which {"array": name} stands for an array of the file, {"kind":
 name, "fields": {...}} for one of our dataclasses, and {"dict": ...} and {"list": ...}
-for dictionaries and sequences.
+for dictionaries and sequences.  A dataclass may make itself of the fields of a file by
+a class method `from_file`.
 """
 
 from __future__ import annotations
@@ -236,6 +237,6 @@ def _unpack(tree, arrays: dict, kinds: dict):
     kind = kinds[tree["kind"]]
     fields = inner(tree["fields"].items())
     check_kinds(kind, fields)
-    found = kind(**fields)
+    found = getattr(kind, "from_file", kind)(**fields)
     check_layout(found)
     return found

@@ -270,6 +270,12 @@ def variances(C, maps: dict[str, np.ndarray]) -> np.ndarray:
     return np.concatenate([np.diag(C), *(np.diag(J @ C @ J.T) for J in maps.values())])
 
 
+def variances_by_name(errors: dict, maps: dict) -> dict[str, np.ndarray]:
+    """Return the variances (n,) by covariances (k, k), by name, but those of zero."""
+    found = {name: variances(C, maps) for name, C in errors.items()}
+    return {name: v for name, v in found.items() if np.nan_to_num(v).any()}
+
+
 def with_ground(errors: dict, ground, traces: dict) -> dict[str, np.ndarray]:
     """Return variances (3,) of a pose by error, with those (3,) that the ground adds.
 

@@ -25,6 +25,7 @@ from .error_budget import (
     errors_by_name,
     summed,
     variances,
+    variances_by_name,
     with_ground,
 )
 from .error_budget_terms import beyond_mixture
@@ -68,8 +69,7 @@ class Information:
     of its final position and rotation; considered: what touches tell of quantities that
     the page takes as given, by name; budget: variances (n,) of `names`, then of the
     rows of `maps`, by each error alone, by the names of error_budget.py: they add up to
-    those of spread; none that are zero.  It is made of covariances (k, k), and empty in
-    older files.
+    those of spread; none that are zero, and empty in older files.
     """
 
     names: tuple[str, ...]
@@ -113,14 +113,13 @@ class Information:
         "budget/*": ("n",),
     }
 
-    def __post_init__(self) -> None:
-        for name, numbers in self.considered.items():  # an array, from a file
-            self.considered[name] = Considered(*map(float, numbers))
-        for name, error in [*self.budget.items()]:
-            if error.ndim == 2:
-                self.budget[name] = error = variances(error, self.maps)
-            if not np.nan_to_num(error).any():
-                del self.budget[name]
+    @classmethod
+    def from_file(cls, maps, considered=(), budget=(), **others) -> Information:
+        """Return what a file holds: arrays of `considered`, older budgets (k, k)."""
+        told = {n: Considered(*map(float, v)) for n, v in dict(considered).items()}
+        errors = dict(budget).items()
+        errors = {n: v if v.ndim == 1 else variances(v, maps) for n, v in errors}
+        return cls(maps=maps, considered=told, budget=errors, **others)
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
@@ -253,16 +252,17 @@ def information_of(
     covariance, errors = bounded(errors, more, shape, tangent.turning)
     words, directions = open_directions(tangent, covariance, shape, faces)
     return at_solution(
-        at, response, tangent, inverse(C), spread=covariance, modes=modes,
+        at, response, tangent, inverse(C), errors, spread=covariance, modes=modes,
         unobserved=words, directions=directions, indefinite=_indefinite(at.kkt),
-        path=path, ground=ground, budget=errors, **fields_of_offsets(at, tangent),
+        path=path, ground=ground, **fields_of_offsets(at, tangent),
     )  # fmt: skip
 
 
-def at_solution(at, response, tangent, matrix, **others) -> Information:
+def at_solution(at, response, tangent, matrix, errors, **others) -> Information:
     """Return the information about the coordinates of a tangent space.
 
-    matrix (k, k): by the Hessian; others: the fields that no linearisation gives.
+    matrix (k, k): by the Hessian; errors: the covariances (k, k) of the budget, by
+    name; others: the fields that no linearisation gives.
     """
     kkt, by_gradient = at.kkt, response.by_gradient
     parts = {
@@ -273,7 +273,8 @@ def at_solution(at, response, tangent, matrix, **others) -> Information:
     return Information(
         names=tangent.names, matrix=matrix, parts=parts, roles=roles,
         maps=tangent.maps, fixed=tangent.fixed, active=kkt.active,
-        ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts), **others,
+        ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts),
+        budget=variances_by_name(errors, tangent.maps), **others,
     )  # fmt: skip
 
 

@@ -47,9 +47,9 @@ def polytope_information(at: Linearisation, solution, faces) -> Information:
     missing = int(np.count_nonzero(faces == 0))
     words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
     return at_solution(
-        at, response, tangent, np.linalg.inv(C), spread=covariance,
-        modes=one_mode(solution.objective, covariance), unobserved=words,
-        budget=errors | {"active bounds": floor}, directions=np.zeros((len(C), 0)),
+        at, response, tangent, np.linalg.inv(C), errors | {"active bounds": floor},
+        spread=covariance, modes=one_mode(solution.objective, covariance),
+        unobserved=words, directions=np.zeros((len(C), 0)),
         indefinite=("vertices",) if indefinite else (), path=np.sqrt(path),
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ from ..data.sensor_noise import in_time, variance_left, with_fingers_earlier
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
-from ..information.error_budget import OF_PRIORS, Linearisation
+from ..information.error_budget import OF_PRIORS, Linearisation, variances_by_name
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
@@ -284,5 +284,6 @@ def prior_information(job, solved) -> Information:
         names=tangent.names, matrix=matrix, spread=spread, parts={}, roles={},
         modes=one_mode(solution.objective, spread), maps=tangent.maps,
         unobserved=(NOT_COMPUTED,), directions=np.zeros((k, 0)), fixed=(),
-        active={}, ambiguous={}, indefinite=(), budget={OF_PRIORS: spread}, **offsets,
+        active={}, ambiguous={}, indefinite=(),
+        budget=variances_by_name({OF_PRIORS: spread}, tangent.maps), **offsets,
     )  # fmt: skip
