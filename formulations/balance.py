@@ -6,8 +6,8 @@ r"""The balance of impulse and momentum in every time step: x_{t+1} = f(x_t, lam
 
 over the contacts c of step k, which act with the impulse J_c at the point p_c; p_wc is
 the centre of mass, which need not be the centroid (centre_of_mass.py).  It serves every
-body (centroid, inertia: rigid_body.Body) and planar as well as free motion.  The
-changes of momentum are in rigid_body.py.
+body (centroid, inertia: rigid_body.MassProperties) and planar as well as free motion.
+The changes of momentum are in rigid_body.py.
 
 An instance of a term reads the contacts of its step as named tuples: a Corner of every
 ground contact, then a Push of every finger that pushes.  Steps with equally many
@@ -30,7 +30,7 @@ from .rigid_body import ARM, G, momentum_change, uniform
 class Balance:
     """The balance of a body with the fingers and the ground that touch it.
 
-    body(shape, theta) -> rigid_body.Body; gravity [m/s^2].
+    body(shape, theta) -> rigid_body.MassProperties; gravity [m/s^2].
     """
 
     fingers: FingerContact

@@ -33,7 +33,7 @@ from .finger_turn import turned
 from .level import Level
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import sense
-from .rigid_body import Body
+from .rigid_body import MassProperties
 from .violation_implicit import contacts_of, felt, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
@@ -95,5 +95,5 @@ def mass(nlp, window, theta):
 
 
 def hull_body(shape, body):
-    """Return the rigid_body.Body of volume, centroid and second moments (10,)."""
-    return Body(body[1:4], inertia_about(body[1:4], body[4:10]))
+    """Return the MassProperties of volume, centroid and second moments (10,)."""
+    return MassProperties(body[1:4], inertia_about(body[1:4], body[4:10]))

@@ -39,7 +39,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Body:
+class MassProperties:
     """Centroid (3,) [m] in the body frame, and inertia about it.
 
     inertia: (3, 3) [m^2] per unit mass.
@@ -68,8 +68,8 @@ def steps_of(step, theta, x, w, s):
 
 
 def uniform(shape, theta):
-    """Return the Body of a shape whose origin is its centroid."""
-    return Body(ca.DM.zeros(3), shape.inertia(theta))
+    """Return the MassProperties of a shape whose origin is its centroid."""
+    return MassProperties(ca.DM.zeros(3), shape.inertia(theta))
 
 
 def planar_pose(shape, theta, x):

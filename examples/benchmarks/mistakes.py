@@ -137,7 +137,7 @@ def refusal(arrays: dict) -> tuple[str, float, float, str]:
     found, gain, limit = most_likely(record_of(data, Scene()))
     seconds = process_time() - began
     if gain > limit:
-        return found.mistake, gain, seconds, ""
+        return found.name, gain, seconds, ""
     try:
         Scene().check(data)
     except MeasurementError as error:

@@ -2,7 +2,7 @@
 
 Every mistake is a transformation of the data, and is undone by another.  A likelihood
 ratio test compares the measurements as they are with each of the repaired ones
-(`hypotheses`), by the composite likelihood of plausibility.py:
+(`mistakes_of`), by the composite likelihood of plausibility.py:
 
     max_h log L(T_h data) - log L(data) > log(N / alpha).
 
@@ -47,15 +47,15 @@ HOW_TO_SKIP = "Options(check_mistakes=False) solves the data as they are"
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A mistake, and how it is undone.
+class Mistake:
+    """A mistake that data may have, and how it is undone.
 
-    mistake: in a few words; where: the key; remedy: in a sentence; repaired: makes the
+    name: in a few words; where: the key; remedy: in a sentence; repaired: makes the
     Record in which it is undone; terms: those of the likelihood that the repair
     changes, its events as they are, by default all.
     """
 
-    mistake: str
+    name: str
     where: str
     remedy: str
     repaired: Callable[[], Record]
@@ -72,7 +72,7 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
     found, gain, limit = most_likely(record_of(data, scene), every=False)
     if gain > limit:
         raise MistakeError(
-            found.mistake, mistake=found.mistake, nats=gain, where=found.where,
+            found.name, mistake=found.name, nats=gain, where=found.where,
             got=f"data that are {gain:.0f} nats more likely once this is undone",
             expected=f"at most {limit:.0f} nats", next=f"{found.remedy}; {HOW_TO_SKIP}",
         )  # fmt: skip
@@ -86,31 +86,31 @@ def suspected(data: Measurements, scene: Scene) -> str:
     if scene.ground is None:
         return ""
     found, gain, limit = most_likely(record_of(data, scene), False, SUSPICION)
-    return f"{found.mistake} ({gain:.0f} nats more likely)" if gain > limit else ""
+    return f"{found.name} ({gain:.0f} nats more likely)" if gain > limit else ""
 
 
 def most_likely(
     record: Record, every=True, alpha: float = FALSE_ALARM
-) -> tuple[Hypothesis, float, float]:
+) -> tuple[Mistake, float, float]:
     """Return the most likely mistake, its gain [nats], and the limit of a gain.
 
-    every: evaluate also hypotheses whose gain cannot exceed the limit, since the terms
+    every: evaluate also mistakes whose gain cannot exceed the limit, since the terms
     that they change are near the most that they can be; alpha [1]: of a false alarm.
     """
-    given, tried = log_likelihood(record), [*hypotheses(record)]
+    given, tried = log_likelihood(record), [*mistakes_of(record)]
     limit = float(np.log(len(tried) / alpha))
     best, most = None, -np.inf
-    for hypothesis in tried:
-        if not every and hypothesis.terms is not None:
-            known = sum(given[name] for name in hypothesis.terms)
-            if most_log_likelihood(record, hypothesis.terms) - known < limit:
+    for one in tried:
+        if not every and one.terms is not None:
+            known = sum(given[name] for name in one.terms)
+            if most_log_likelihood(record, one.terms) - known < limit:
                 continue
-        terms = log_likelihood(hypothesis.repaired(), hypothesis.terms)
+        terms = log_likelihood(one.repaired(), one.terms)
         gains = {name: told - given[name] for name, told in terms.items()}
         kinks = min(gains.pop("kinks", 0.0), limit - BY_OTHERS)
         gain = kinks + sum(gains.values())
         if gain > most:
-            best, most = hypothesis, gain
+            best, most = one, gain
     return best, most, limit
 
 
@@ -132,13 +132,13 @@ def record_of(data: Measurements, scene: Scene) -> Record:
     )  # fmt: skip
 
 
-def hypotheses(record: Record) -> Iterator[Hypothesis]:
+def mistakes_of(record: Record) -> Iterator[Mistake]:
     """Yield every mistake that is tried: the table of this module."""
     yield from _of_axes(record)
     yield from _of_radius(record)
     yield from _of_fingers(record)
     yield from _of_time(record)
-    yield Hypothesis(
+    yield Mistake(
         "contact is inverted", "contact", "give ~contact, and its normals",
         partial(
             replace, record, felt=record.valid & ~record.felt,
@@ -147,7 +147,7 @@ def hypotheses(record: Record) -> Iterator[Hypothesis]:
     )  # fmt: skip
 
 
-def _of_axes(record: Record) -> Iterator[Hypothesis]:
+def _of_axes(record: Record) -> Iterator[Mistake]:
     """Yield all 47 changes of axes and signs, of normals and of positions."""
     turns = [
         np.diag(signs)[list(order)]
@@ -161,13 +161,13 @@ def _of_axes(record: Record) -> Iterator[Hypothesis]:
             mistake = "normals point into the object"
             fix = "give -normal: it points from the object to the finger"
         turned = partial(record.with_same_touches, normal=record.normal @ Q.T)
-        yield Hypothesis(mistake, "normal", fix, turned, FRAME_TERMS)
+        yield Mistake(mistake, "normal", fix, turned, FRAME_TERMS)
     for Q in turns:
         turned = partial(record.with_same_touches, position=record.position @ Q.T)
         mistake = "the axes of positions are swapped or mirrored"
         fix = f"give positions {_axes(Q)}"
         terms = (*FRAME_TERMS, "heights")
-        yield Hypothesis(mistake, "finger_position", fix, turned, terms)
+        yield Mistake(mistake, "finger_position", fix, turned, terms)
 
 
 def _axes(Q: np.ndarray) -> str:
@@ -177,15 +177,15 @@ def _axes(Q: np.ndarray) -> str:
     return f"({', '.join(names)})"
 
 
-def _of_radius(record: Record) -> Iterator[Hypothesis]:
+def _of_radius(record: Record) -> Iterator[Mistake]:
     for factor in RADIUS_FACTORS:
         resized = partial(record.with_same_touches, radius=record.radius * factor)
         mistake = "the radius is in the wrong unit"
         fix = f"multiply it by {factor:g}: it is in metres"
-        yield Hypothesis(mistake, "finger_radius", fix, resized, RADIUS_TERMS)
+        yield Mistake(mistake, "finger_radius", fix, resized, RADIUS_TERMS)
 
 
-def _of_fingers(record: Record) -> Iterator[Hypothesis]:
+def _of_fingers(record: Record) -> Iterator[Mistake]:
     """Yield every pair of fingers swapped, in position or in what they feel.
 
     Of three or more also all of them rotated, and the axes of their array swapped.
@@ -197,28 +197,28 @@ def _of_fingers(record: Record) -> Iterator[Hypothesis]:
         mistake, fix = f"fingers {f} and {g} are swapped", "swap their columns"
         moved = partial(replace, record, position=record.position[:, order])
         where, fix = "finger_position", f"{fix} of finger_position, or of all others"
-        yield Hypothesis(mistake, where, fix, moved)
+        yield Mistake(mistake, where, fix, moved)
         felt = record.felt[:, order] & record.valid
         moved = partial(replace, record, felt=felt, normal=record.normal[:, order])
-        yield Hypothesis(mistake, "contact", fix, moved)
+        yield Mistake(mistake, "contact", fix, moved)
     for shift in range(1, fingers) if fingers > 2 else ():
         order = np.roll(np.arange(fingers), shift).tolist()
         moved = partial(replace, record, position=record.position[:, order])
         fix = f"give finger_position[:, {order}], or order all others so"
-        yield Hypothesis("fingers are in another order", "finger_position", fix, moved)
+        yield Mistake("fingers are in another order", "finger_position", fix, moved)
     if fingers == 3:
         moved = partial(replace, record, position=record.position.transpose(0, 2, 1))
         mistake, fix = "fingers and coordinates are swapped", "give (T, F, 3)"
-        yield Hypothesis(mistake, "finger_position", fix, moved)
+        yield Mistake(mistake, "finger_position", fix, moved)
 
 
-def _of_time(record: Record) -> Iterator[Hypothesis]:
+def _of_time(record: Record) -> Iterator[Mistake]:
     """Yield what a finger feels shifted against where it is, and jumps of its path."""
     jumped = jumps_of(record)
     for f in range(len(record.radius)):
         for shift in _shifts(record):
             late = "early" if shift > 0 else "late"
-            yield Hypothesis(
+            yield Mistake(
                 f"what finger {f} feels is {abs(shift)} samples too {late}", "contact",
                 "give position, contact and normal of a finger at the same times, or "
                 "Scene(latency=...) if all contacts are late",
@@ -227,7 +227,7 @@ def _of_time(record: Record) -> Iterator[Hypothesis]:
         if jumped[f]:
             at_rest = record.position.copy()
             at_rest[:, f] = at_rest[0, f]
-            yield Hypothesis(
+            yield Mistake(
                 f"finger {f} jumps within actions", "finger_position",
                 "check that its samples have the time and action of the other fingers",
                 partial(replace, record, position=at_rest), ("jumps",),

@@ -33,7 +33,7 @@ MIN_TOSSES = 4  # below which their own scatter is not used
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(Rows):
+class TossSteps(Rows):
     """All steps: poses now, one sample before (_1) and after (_next), and velocities.
 
     sample, toss: of `now`; p_wo (n, 3) [m]; R_wo (n, 9) column by column; dv [m/s];
@@ -86,7 +86,7 @@ class Touches(Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class TossGroup:
     """Steps (n,) with equally many touches (n, count)."""
 
     steps: np.ndarray
@@ -97,9 +97,9 @@ class Group:
 class Impacts:
     """All that the page reads; guess (3, columns) [m]; uniform (3,) [m^2] inertia."""
 
-    step: Steps
+    step: TossSteps
     touch: Touches
-    groups: dict[int, Group]
+    groups: dict[int, TossGroup]
     columns: int
     vertices: int
     tosses: int
@@ -108,7 +108,7 @@ class Impacts:
     dt: float
 
 
-def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
+def steps_of(toss, position, rotation, dt: float, gravity: float) -> TossSteps:
     """Return the steps of tosses (T,): position (T, 3) [m], rotation: scipy's."""
     from scipy.spatial.transform import Rotation
 
@@ -123,7 +123,7 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> Steps:
     calm &= np.linalg.norm(way, axis=1) < GLIDE_SPEED * dt
     index = np.unique(toss, return_inverse=True)[1].reshape(-1)[k]
     resting = steps_since(~calm | begins(index)) % GLIDE_KEPT > 0
-    return Steps(
+    return TossSteps(
         sample=k, toss=index, p_wo=p[k], R_wo=R[k], p_wo_1=p[k - 1], R_wo_1=R[k - 1],
         p_wo_next=p[k + 1], R_wo_next=R[k + 1], dv=dv, w=way / dt, w_1=way_1 / dt,
         R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
@@ -148,7 +148,7 @@ def steps_since(event: np.ndarray) -> np.ndarray:
     return k - np.maximum.accumulate(np.where(event, k, -np.inf))
 
 
-def phases_of(steps: Steps, gravity: float, dt: float) -> tuple:
+def phases_of(steps: TossSteps, gravity: float, dt: float) -> tuple:
     """Return which steps (n,) touch, are of impacts or their end, and lie still.
 
     A body that a soft ground throws up feels no more force while it is still below: an
@@ -164,7 +164,7 @@ def phases_of(steps: Steps, gravity: float, dt: float) -> tuple:
     return touching, recent & ~still, still
 
 
-def with_soft_ground(steps: Steps, corners, gravity: float, dt: float) -> Steps:
+def with_soft_ground(steps: TossSteps, corners, gravity: float, dt: float) -> TossSteps:
     """Return steps whose corners may sink in impacts as deep as they ever do.
 
     corners (3, V) [m] of a box.
@@ -175,13 +175,13 @@ def with_soft_ground(steps: Steps, corners, gravity: float, dt: float) -> Steps:
     return replace(steps, depth=np.where(hit, depth, steps.depth))
 
 
-def may_touch(steps: Steps, vertices: np.ndarray) -> np.ndarray:
+def may_touch(steps: TossSteps, vertices: np.ndarray) -> np.ndarray:
     """Return which vertices (V, 3) [m] may touch the ground in which step, (n, V)."""
     low = steps.corners(vertices)[..., 2].min(axis=-1) < NEAR_GROUND
     return low & ~steps.resting[:, None]
 
 
-def gravity_of(steps: Steps, vertices, dt: float) -> tuple[float, float]:
+def gravity_of(steps: TossSteps, vertices, dt: float) -> tuple[float, float]:
     """Return the gravity [m/s^2] of free falls, and its standard deviation.
 
     The first steps of each toss in which no vertex is near the ground are one parabola,
@@ -214,7 +214,7 @@ def before_a_bounce(z: np.ndarray) -> np.ndarray:
     return z[: 1 + np.argmax(bounce)] if bounce.any() else z
 
 
-def impacts(steps: Steps, chosen, theta, signs, dt: float) -> Impacts:
+def impacts(steps: TossSteps, chosen, theta, signs, dt: float) -> Impacts:
     """Return the window of the page: the steps where the chosen vertices may touch.
 
     chosen (n, V) bool; theta (3, columns) [m] first guess; signs (3, V): vertex v is
@@ -228,7 +228,7 @@ def impacts(steps: Steps, chosen, theta, signs, dt: float) -> Impacts:
     first = np.cumsum(counts) - counts
     for count in np.unique(counts):
         of = np.flatnonzero(counts == count)
-        groups[int(count)] = Group(of, first[of, None] + np.arange(count))
+        groups[int(count)] = TossGroup(of, first[of, None] + np.arange(count))
     square = abs(theta).max(axis=1) ** 2
     return Impacts(
         step=steps.pick(rows), touch=touch, groups=groups, columns=theta.shape[1],

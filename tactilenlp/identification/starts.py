@@ -20,7 +20,7 @@ from ..common.layout import has_volume
 from ..common.validation import as_floats
 from ..errors import MeasurementError, MotionError, OptionError, shortened
 from ..problem.poses import rotations_on_ground
-from .impacts import MIN_TOSSES, Steps, gravity_of, phases_of, steps_of
+from .impacts import MIN_TOSSES, TossSteps, gravity_of, phases_of, steps_of
 
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
 LARGEST_GAUGE = 0.1  # [1] error of a tracker's metre; beyond it, dt or unit is wrong
@@ -73,7 +73,7 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
     return steps, starts, signs, ruler
 
 
-def nothing_lands(steps: Steps) -> MotionError:
+def nothing_lands(steps: TossSteps) -> MotionError:
     """Return the error of motion in which nothing touches the ground."""
     return MotionError(
         "no corner comes near the ground", where="trajectories",
@@ -182,7 +182,7 @@ class Support:
         return [middle] if near else [middle, self.like_cube, largest]
 
 
-def support_of(steps: Steps, gravity: float, dt: float) -> Support | None:
+def support_of(steps: TossSteps, gravity: float, dt: float) -> Support | None:
     """Return the boxes that fit the heights of the centre; None if nothing touches."""
     touching = phases_of(steps, gravity, dt)[0]
     if not touching.any():
@@ -197,7 +197,7 @@ def support_of(steps: Steps, gravity: float, dt: float) -> Support | None:
     return Support(like_cube, _solved(*rows, PULL), _solved(*rows, -PULL))
 
 
-def tilt_at_rest(steps: Steps, gravity: float, dt: float) -> float:
+def tilt_at_rest(steps: TossSteps, gravity: float, dt: float) -> float:
     """Return how far a box is from lying on a face at rest [deg], median of tosses."""
     _, _, still = phases_of(steps, gravity, dt)
     up = abs(steps.R_wo.reshape(-1, 3, 3)[:, :, 2]).max(axis=1)

@@ -133,7 +133,7 @@ def _solved_fields(solved) -> dict:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class BodyReadout:
     """Where a body is: (T, 3) [m], (T, 4) wxyz; vertices (V, 3) [m], body frame.
 
     faces: how many samples touched each.
@@ -145,14 +145,14 @@ class Body:
     faces: np.ndarray
 
 
-def read_sized(job, solved) -> Body:
+def read_sized(job, solved) -> BodyReadout:
     """Return the body of a shape with sizes."""
     theta, x, shape = solved.at.theta, moved_on(job, solved.at.x), job.shape
     where = poses(shape, solved.window.motion, theta, x, job.scene.ground)
-    return Body(*where, body_surface(shape, theta), solved.touched)
+    return BodyReadout(*where, body_surface(shape, theta), solved.touched)
 
 
-def read_polytope(job, solved) -> Body:
+def read_polytope(job, solved) -> BodyReadout:
     """Return the body of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
@@ -165,7 +165,7 @@ def read_polytope(job, solved) -> Body:
     # order of faces, depend on the frame.
     outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
     faces = touched_polygons(solved.window, V, outlines, x, job.precision.normal)
-    return Body(position, quaternion_of(turn), vertices, faces)
+    return BodyReadout(position, quaternion_of(turn), vertices, faces)
 
 
 def moved_on(job, x) -> np.ndarray:

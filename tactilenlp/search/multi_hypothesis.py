@@ -30,7 +30,14 @@ from ..tracking.first_touch import (
     with_carried,
 )
 from ..tracking.tracking import smoothed, tracked
-from ..tracking.tracks import Filter, Record, Tracks, filter_of, parts_of, started
+from ..tracking.tracks import (
+    KalmanFilter,
+    SmootherStep,
+    Tracks,
+    filter_of,
+    parts_of,
+    started,
+)
 from .hypothesis import Hypothesis, Job, distinct, same, varied
 from .least_motion import ROUND, Executor, from_posterior, least_motion
 from .margins import DECISIVE
@@ -212,7 +219,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool):
     tracks, past = proposed_tracks(job, ekf, kept, rng)
     data, done, state = ekf.data, past.samples, (tracks.z, tracks.P)
     begin = max(done - 1, 0)
-    records = [Record(begin, begin, *state, None, *state, None)]
+    records = [SmootherStep(begin, begin, *state, None, *state, None)]
     whole = done, tracks, list(records)
     actions = np.unique(data.action[done:])
     try:
@@ -242,7 +249,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool):
     return past, tracks, records
 
 
-def proposed_tracks(job, ekf: Filter, kept, rng) -> tuple[Tracks, _Past]:
+def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
     fingers, sigma = ekf.data.fingers, job.precision.normal
     if not kept:

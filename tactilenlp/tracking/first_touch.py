@@ -21,7 +21,7 @@ from formulations.between_actions import CAUCHY, GAP
 
 from ..data.contact_segments import lasting_contacts
 from .tracking import between_actions, tracked
-from .tracks import Filter, Tracks
+from .tracks import KalmanFilter, Tracks
 
 DRAWN = 1000  # boxes that explain the first touch; 300 miss some
 SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
@@ -146,7 +146,7 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     )
 
 
-def carried_away(ekf: Filter, before: Tracks, after: Tracks, samples) -> bool:
+def carried_away(ekf: KalmanFilter, before: Tracks, after: Tracks, samples) -> bool:
     """Tell whether an action is explained better by a body that was carried.
 
     before, after: the tracks without and with the samples of the action.
@@ -159,7 +159,7 @@ def carried_away(ekf: Filter, before: Tracks, after: Tracks, samples) -> bool:
     return either.evidence.max() > after.evidence.max() + CARRIED
 
 
-def with_carried(ekf: Filter, tracks: Tracks, action: int, rng):
+def with_carried(ekf: KalmanFilter, tracks: Tracks, action: int, rng):
     """Return tracks at the first sample of an action, slopes of the motion, parents.
 
     Tracks that stayed, then those that were carried to where the first touch of the

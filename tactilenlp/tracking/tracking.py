@@ -26,14 +26,14 @@ from .process_noise import (
     drawn_scales,
     way_of,
 )
-from .tracks import Filter, Record, Tracks, split_tracks, surviving
+from .tracks import KalmanFilter, SmootherStep, Tracks, split_tracks, surviving
 
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 
 
-def tracked(ekf: Filter, tracks: Tracks, samples, rng, replaced=None):
+def tracked(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
     """Return the tracks after the samples of an action, and the records.
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
@@ -59,7 +59,7 @@ def tracked(ekf: Filter, tracks: Tracks, samples, rng, replaced=None):
                 tracks = tracks.pick(rows)
         if moved or corrected or rows is not None:
             records.append(
-                Record(
+                SmootherStep(
                     before, t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows
                 )
             )

@@ -52,7 +52,7 @@ class Tracks:
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class SmootherStep:
     """What the smoother needs of a sample: before and after correction and selection.
 
     since: the sample tracked before, from which on the body may have moved; slopes
@@ -69,14 +69,14 @@ class Record:
     P: np.ndarray
     parents: np.ndarray | None
 
-    def selected(self, rows) -> Record:
+    def selected(self, rows) -> SmootherStep:
         """Return the record of some of its tracks, rows, which may repeat."""
         parents = rows if self.parents is None else self.parents[rows]
         return replace(self, z=self.z[:, rows], P=self.P[..., rows], parents=parents)
 
 
 @dataclass(frozen=True, eq=False)
-class Filter:
+class KalmanFilter:
     """What a filter (`ekf`) reads: data, contacts (T, F), noise, friction, lower bound.
 
     felt: contacts that last; hidden: samples that were missed and may be contacts;
@@ -96,7 +96,7 @@ class Filter:
     process_noise: float
 
 
-def filter_of(job, data) -> Filter:
+def filter_of(job, data) -> KalmanFilter:
     """Return the filter of a job, of data as spherical fingertips would measure them.
 
     Where the fingers are not known, gaps tell less.
@@ -112,7 +112,7 @@ def filter_of(job, data) -> Filter:
     low = np.r_[np.full(n, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
     felt = lasting_contacts(data)
     begin_compilation(job.shape, data.fingers)
-    return Filter(
+    return KalmanFilter(
         data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
         job.deadline, geometry_of(job.shape), job.process_noise,
     )  # fmt: skip
