@@ -31,7 +31,12 @@ from .friction import Impulses, cone_violation, friction, impulses, least
 from .ground_contact import Corner
 from .level import Level
 from .rigid_body import ARM, G, steps_of
-from .violation_implicit import APEX_ROUNDING, SPEED_ROUNDING, contacts_of, felt
+from .violation_implicit import (
+    APEX_ROUNDING,
+    SPEED_ROUNDING,
+    add_likelihood,
+    contacts_of,
+)
 
 # Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
@@ -49,7 +54,7 @@ EPS = 1e-3  # [weights mm] of every relaxed product at the last level
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and the physics of every step as constraints."""
-    theta, x = felt(nlp, window, scene, shape)
+    theta, x = add_likelihood(nlp, window, scene, shape)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
     fingers, ground = contacts_of(window, shape)

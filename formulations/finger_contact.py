@@ -98,12 +98,12 @@ class FingerContact:
         v = (self.finger.before(p_w, push.p_wf, push.p_wf_1) - body_before) / step.dt
         return -ca.dot(v, n), ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
 
-    def felt(self, step, push, sliding):
+    def dissipation(self, step, push, sliding):
         """Return the cost of friction that does not dissipate."""
         _, v_s = self.velocity(step, push)
         return sliding.cost(push.lam, v_s, step.dt, step.w)
 
-    def unfelt(self, theta, x, push, w, kappa):
+    def unfelt_impulse(self, theta, x, push, w, kappa):
         """Return the cost of the impulse of a finger that feels nothing."""
         phi = self.gap(theta, x, push)
         energy = contact.complementarity(push.lam, phi, push.rho / ROUNDINGS)
@@ -147,12 +147,13 @@ def add(nlp, window, fingers, theta, x, pushes):
     felt = sorted({*range(len(push))} - {*silent.tolist()})
     now = steps_of(step, pushes.part(theta, felt), x, w[felt], push.step[felt])
     nlp.minimize(
-        "finger dissipation", fingers.felt, now, pushing(push.pick(felt), lam[:, felt]),
-        sliding_of(nlp, pushes.mu), role="physics",
+        "finger dissipation", fingers.dissipation, now,
+        pushing(push.pick(felt), lam[:, felt]), sliding_of(nlp, pushes.mu),
+        role="physics",
     )  # fmt: skip
     f, kappa = push.pick(silent), nlp.parameters["kappa"]
     nlp.minimize(
-        "finger complementarity", fingers.unfelt, pushes.part(theta, silent),
+        "finger complementarity", fingers.unfelt_impulse, pushes.part(theta, silent),
         x[:, step.pose[f.step]], sensed(f, lam[:, silent]), w[silent], kappa,
         role="physics",
     )  # fmt: skip

@@ -20,7 +20,7 @@ from .rigid_body import G, momentum_change, steps_of, uniform
 from .sliding_contact import Pusher
 from .sliding_contact import push as push_of
 from .time_stepping import STEP_V_EPS, Sliding
-from .violation_implicit import felt
+from .violation_implicit import add_likelihood
 
 # These equations need every sample, whatever the options say.
 REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
@@ -38,7 +38,7 @@ LEVELS = (
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss_const, a defect for every step."""
-    theta, x = felt(nlp, window, scene, shape)
+    theta, x = add_likelihood(nlp, window, scene, shape)
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground)

@@ -74,7 +74,7 @@ LEVELS = (
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     body = Physics(window, scene, shape)
-    theta, x = felt(nlp, window, shape, body)
+    theta, x = add_likelihood(nlp, window, shape, body)
     step, push = window.step, window.push
     lam, lam_g = g.impulses(nlp, window, scene, shape)
     for name, (value, unit) in WEIGHTS.items():
@@ -115,7 +115,7 @@ def ground(nlp, window, scene, body, theta, x, lam_g, w):
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], resting)
 
 
-def felt(nlp, window, shape, body):
+def add_likelihood(nlp, window, shape, body):
     """Declare theta and x; add eq:loss of every sample."""
     theta, x = declare(nlp, window, shape)
     alpha = nlp.parameter("alpha", ALPHA, "1/m")

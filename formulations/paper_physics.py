@@ -40,7 +40,7 @@ class Physics:
         """Return eq:loss of a sample with contact of a finger `at` (a Push)."""
         phi, n = self.fingers.gap_and_normal(theta, x, at)
         cost = sensing.normal_within(n, n_m, ca.reshape(information, 3, 3))
-        return cost + sensing.felt(phi, alpha)
+        return cost + sensing.logistic_contact(phi, alpha)
 
     def free(self, theta, x, at, alpha):
         """Return eq:loss of a sample without contact."""

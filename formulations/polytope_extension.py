@@ -26,13 +26,13 @@ PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss of the action, the prior, and least motion."""
-    _, x = sense(nlp, window, shape)
+    _, x = declare_with_loss(nlp, window, shape)
     quasi_static.least_motion(nlp, window, shape, 0.0, x)
 
 
 def build_pushed(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp of the action, and the prior."""
-    polytope_violation_implicit.build(nlp, window, scene, shape, sense)
+    polytope_violation_implicit.build(nlp, window, scene, shape, declare_with_loss)
 
 
 def past(nlp, window, shape, theta):
@@ -50,4 +50,4 @@ def past(nlp, window, shape, theta):
     )  # fmt: skip
 
 
-sense = partial(polytope_quasi_static.sense, known=past)
+declare_with_loss = partial(polytope_quasi_static.declare_with_loss, prior=past)

@@ -45,7 +45,7 @@ LEG = 0.02e-3  # [m] deviation of a leg from the ground
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and least motion."""
-    _, x = sense(nlp, window, shape)
+    _, x = declare_with_loss(nlp, window, shape)
     quasi_static.least_motion(nlp, window, shape, 0.0, x)
 
 
@@ -77,10 +77,12 @@ def ball(nlp, window, shape, theta):
     nlp.minimize("stay", moved, theta, window.start, role="regulariser")
 
 
-def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, known=ball):
+def declare_with_loss(
+    nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, prior=ball
+):
     """Declare vertices and poses; add what the fingers felt and what was known before.
 
-    known(nlp, window, shape, theta): adds what was known, by default the priors.
+    prior(nlp, window, shape, theta): adds what was known, by default the priors.
     """
     motion = window.motion
     theta = nlp.variable(
@@ -94,5 +96,5 @@ def sense(nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, know
     near = theta[:, window.near_touch], theta[:, window.near_free]
     likelihood.add(nlp, window, shape, near, x, touch, normal, indentation)
     between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
-    known(nlp, window, shape, theta)
+    prior(nlp, window, shape, theta)
     return theta, x

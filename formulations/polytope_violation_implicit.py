@@ -32,9 +32,9 @@ from .balance import Balance
 from .finger_turn import turned
 from .level import Level
 from .polytope import inertia_about, whole_moments
-from .polytope_quasi_static import sense
+from .polytope_quasi_static import declare_with_loss
 from .rigid_body import MassProperties
-from .violation_implicit import contacts_of, felt, impulses_of, physics
+from .violation_implicit import add_likelihood, contacts_of, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED
@@ -57,14 +57,14 @@ LEVELS = (
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
 
-def build(nlp, window, scene, shape, sense=sense):
+def build(nlp, window, scene, shape, declare=declare_with_loss):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step.
 
-    sense: declares vertices and poses and adds what was felt and known of them.
+    declare: declares vertices and poses; adds what was felt and known of them.
     """
     window = turned(nlp, window)
     w, pushes, corners = impulses_of(nlp, window, scene, shape, window.weight_share)
-    theta, x = felt(nlp, window, scene, shape, pushes, sense)
+    theta, x = add_likelihood(nlp, window, scene, shape, pushes, declare)
     pushes = replace(pushes, theta=theta[:, window.near_push])
     corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)

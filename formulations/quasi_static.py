@@ -7,10 +7,10 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
        + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)        (least motion)
     over theta, x_k
 
-The first four are what was felt and what was known: every page has them (`sense`).  The
-last stands for quasi-static dissipation: an object that is pushed moves no more than it
-must.  Where a finger that may push is not seen, way is that to x_{k-1} + (x_{k-1} -
-x_{k-2}), as motion lasts.
+The first four are what was felt and known; every page has them (`declare_with_loss`).
+The last stands for quasi-static dissipation: an object that is pushed moves no more
+than it must.  Where a finger that may push is not seen, way is that to x_{k-1} +
+(x_{k-1} - x_{k-2}), as motion lasts.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ WEIGHT = 300.0  # [nats / m] price of motion
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and least motion."""
     window = displaced(nlp, window, scene)
-    theta, x = sense(nlp, window, shape)
+    theta, x = declare_with_loss(nlp, window, shape)
     least_motion(nlp, window, shape, theta, x)
 
 
-def sense(
+def declare_with_loss(
     nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, coasts=False
 ):
     """Declare theta and x; add what the fingers felt (eq:loss) and what was known.

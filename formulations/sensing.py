@@ -33,7 +33,7 @@ def free(phi, alpha):
     return softplus(-alpha * phi)
 
 
-def felt(phi, alpha):
+def logistic_contact(phi, alpha):
     """Return the cost of a gap phi [m] where contact is felt (eq:bool, c = 1)."""
     return softplus(alpha * phi)
 

@@ -50,7 +50,7 @@ from .friction import Impulses, add_cone, friction, impulses
 from .ground_contact import GroundContact
 from .level import Level
 from .names import FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
-from .quasi_static import sense as sense_quasi_static
+from .quasi_static import declare_with_loss
 from .rigid_body import G
 
 FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # if data ask
@@ -73,7 +73,7 @@ ROUGH = (  # from guessed poses, which are centimetres off where the object tumb
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 NORMAL = 0.010  # [rad] model error of a normal, likewise
-COASTING = partial(sense_quasi_static, coasts=True)  # poses tell the object's speed
+COASTING = partial(declare_with_loss, coasts=True)  # poses tell the object's speed
 WORK_COST = 5.0  # [nats/mm] kappa, for an energy that lifts the object by 1 mm
 SPEED_ROUNDING = 3e-3  # [m/s] v_eps, of |v_s|: 0.1 mm in a step of 1/30 s
 BALANCE_SIGMA = 0.03  # [weights] deviation of a step from balance
@@ -87,21 +87,21 @@ def build(nlp, window, scene, shape, law=Balance):
     """
     window = turned(nlp, displaced(nlp, window, scene))
     w, pushes, corners = impulses_of(nlp, window, scene, shape)
-    theta, x = felt(nlp, window, scene, shape, pushes)
+    theta, x = add_likelihood(nlp, window, scene, shape, pushes)
     fingers, ground = contacts_of(window, shape)
     law = law(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     physics(nlp, window, law, theta, x, w, centre, pushes, corners)
 
 
-def felt(nlp, window, scene, shape, pushes=None, sense=COASTING):
+def add_likelihood(nlp, window, scene, shape, pushes=None, declare=COASTING):
     """Declare theta and x; add what was felt by fingers that sit in the surface.
 
     pushes: friction.Impulses, which press soft fingertips in; None: all are rigid.
-    sense: declares theta and x and adds eq:loss, as quasi_static.sense does.
+    declare: declares theta and x and adds eq:loss, as quasi_static.declare_with_loss.
     """
     inside = indentation.declare(nlp, window, scene, pushes)
-    theta, x = sense(nlp, window, shape, TOUCH, NORMAL, inside)
+    theta, x = declare(nlp, window, shape, TOUCH, NORMAL, inside)
     indentation.prior(nlp, inside)
     return theta, x
 

@@ -14,7 +14,7 @@ def page(term=None, **parts):
     """Return a page: the quasi-static one, with a term, or with other members."""
 
     def build(nlp, window, scene, shape):
-        theta, x = quasi_static.sense(nlp, window, shape)
+        theta, x = quasi_static.declare_with_loss(nlp, window, shape)
         if term is not None:
             term(nlp, theta, x, window.step)
 

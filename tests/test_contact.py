@@ -12,7 +12,7 @@ def test_contact_booleans_cost_what_the_logistic_says():
     p_free = 1 / (1 + np.exp(-alpha * phi))
     for gap, p in zip(phi, p_free, strict=True):
         assert float(sensing.free(gap, alpha)) == pytest.approx(-np.log(p), rel=1e-12)
-        assert float(sensing.felt(gap, alpha)) == pytest.approx(
+        assert float(sensing.logistic_contact(gap, alpha)) == pytest.approx(
             -np.log(1 - p), rel=1e-12
         )
 

@@ -58,7 +58,7 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         w, pushes, corners = violation_implicit.impulses_of(
             problem, window, scene, CUBOID
         )
-        x = violation_implicit.felt(problem, window, scene, shape, pushes)
+        x = violation_implicit.add_likelihood(problem, window, scene, shape, pushes)
         fingers, ground = violation_implicit.contacts_of(window, CUBOID)
         law = violation_implicit.Balance(fingers, ground, scene.gravity)
         violation_implicit.physics(problem, window, law, *x, w, 0.0, pushes, corners)
