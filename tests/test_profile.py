@@ -14,7 +14,7 @@ from tactilenlp.refinement import certification
 from tactilenlp.refinement.profile_deviation import (
     TAIL_GROWTH,
     VAGUE_SHARE,
-    deviation_along,
+    Profile,
 )
 from tactilenlp.refinement.profile_likelihood import profiled
 from tactilenlp.search.hypothesis import Hypothesis
@@ -32,7 +32,7 @@ def solve(at):
 
 
 def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
-    """Return what `deviation_along` makes of a price [nats] of a change [m].
+    """Return what a `Profile` makes of a price [nats] of a change [m].
 
     The body moves by half of what it grows.  A larger one starts where it was.
     touched: samples on both faces of a size, None where a pose is off; seeks: whether
@@ -56,8 +56,8 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
         return there
 
     touched = None if touched is None else np.array(touched)
-    given = solve(AT), PRIOR, 0, sharp, sharp, touched, seeks, cost
-    off, better = deviation_along(elsewhere, *given)
+    profile = Profile(solve(AT), 0, PRIOR, touched, seeks, cost)
+    off, better = profile.deviation(elsewhere, sharp, sharp)
     assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
 

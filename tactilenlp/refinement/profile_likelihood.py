@@ -45,7 +45,7 @@ from ..search.local_solve import RANKING_TOLERANCE
 from ..search.margins import PROFILE_RISE
 from ..search.solved import Solved, settings_of
 from ..solvers.solve import solve_levels
-from .profile_deviation import deviation_along
+from .profile_deviation import Profile
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
 NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
@@ -67,10 +67,10 @@ def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     none higher.
     """
     shape, end = solved.job.shape, solved.at.end
-    n, profile = shape.theta, np.zeros((len(end), len(end)))
+    n, deviations = shape.theta, np.zeros((len(end), len(end)))
     faces = touched_ends(shape, solved)
     if faces is None:
-        return profile, None
+        return deviations, None
     chosen = final_unknowns(solved.problem)
     by_gradient, _ = solved.kkt.sensitivity(chosen)
     variance = np.diag(by_gradient[chosen])
@@ -78,22 +78,22 @@ def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     sigma = np.sqrt(np.where(variance > 0, variance, np.inf))
     least = n + int(np.argmax(sigma[n : n + 2]))
     if sigma[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
-        profile[least] = by_gradient[chosen, least] / sigma[least]
+        deviations[least] = by_gradient[chosen, least] / sigma[least]
     elsewhere = partial(_constrained, solved, chosen)
-    for axis, widest, *how in _asked(solved, faces, sigma, least, seeks):
-        way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], widest)
-        arguments = solved, widest, axis, way, way[chosen], *how
-        profile[axis], better = deviation_along(elsewhere, *arguments)
+    for profile in _profiles(solved, faces, sigma, least, seeks):
+        axis = profile.axis
+        way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], profile.prior)
+        deviations[axis], better = profile.deviation(elsewhere, way, way[chosen])
         if better is not None:
-            return profile, better
-    return profile, None
+            return deviations, better
+    return deviations, None
 
 
-def _asked(solved, faces, sigma, least, seeks) -> list[tuple]:
-    """Return what is profiled, each with the arguments of `deviation_along`.
+def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
+    """Return the profiles of sizes and final pose that the Hessian may not tell.
 
-    Axis, prior, touched, seeks and cost: of open and of noisy sizes, of the position
-    `least`, if the Hessian claims it, and of the yaw of a box that no side was felt of.
+    Of open and of noisy sizes, of the position `least`, if the Hessian claims it, and
+    of the yaw of a box that no side was felt of.
     """
     job, shape, at, profiles = solved.job, solved.job.shape, solved.at, []
     for axis, touched in enumerate(faces):
@@ -101,11 +101,13 @@ def _asked(solved, faces, sigma, least, seeks) -> list[tuple]:
         if is_open or sigma[axis] >= faces_sigma(job, touched):
             widest = prior_deviations(shape, at.theta)[axis]
             cost = prior_cost(shape, at, axis) if is_open else None
-            profiles.append((axis, widest, touched, seeks, cost))
+            profiles.append(Profile(solved, axis, widest, touched, seeks, cost))
     if sigma[least] < KNOWN_POSITION:
-        profiles.append((least, shape.typical_deviation, None, seeks, None))
+        widest = shape.typical_deviation
+        profiles.append(Profile(solved, least, widest, None, seeks))
     if shape.is_box and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
-        profiles.append((shape.theta + 2, ANY_YAW, None, False, np.zeros_like))
+        yaw = shape.theta + 2
+        profiles.append(Profile(solved, yaw, ANY_YAW, None, False, np.zeros_like))
     return profiles
 
 
