@@ -9,7 +9,7 @@ from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import ELLIPSOID, Estimate, solve_estimate
 from tactilenlp.errors import NoContactError, OptionError, StartError
-from tactilenlp.estimation.solver import estimate_of_class
+from tactilenlp.estimation.solver import ClassSolver
 from tactilenlp.information.mixture import log_evidence
 from tactilenlp.interface.options import Guess, Session
 from tactilenlp.interface.request import read_request
@@ -88,15 +88,17 @@ def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch
     monkeypatch.setattr(model_selection, "replace", lambda e, **given: (e, given))
     first = {"polytope": 5.0, "cuboid": 20.0, "cylinder": 300.0, "ellipsoid": 7.0}
 
-    def solve(shape, start, options, poses=None, most=None):
-        if poses is None:
+    class Solver:
+        def of_class(self, shape, options, start):
             return Known(shape.name, first[shape.name])
-        asked.append((shape.name, poses.shape, most))
-        return Known(shape.name, 1.0) if shape.name == "cuboid" else None
+
+        def from_poses(self, shape, options, poses, most):
+            asked.append((shape.name, poses.shape, most))
+            return Known(shape.name, 1.0) if shape.name == "cuboid" else None
 
     classes = model_selection.classes_of(list(first))
     options = type("Options", (), {"time_limit": 60.0})()
-    best, given = model_selection.likeliest_class(classes, solve, None, options)
+    best, given = model_selection.likeliest_class(classes, Solver(), None, options)
     assert asked == [("cuboid", "polytope", 20.0), ("cylinder", "polytope", 20.0)]
     assert (best.shape, best.objective) == ("cuboid", 1.0)
     odds = {one.shape: one.probability for one in given["classes"]}
@@ -108,12 +110,16 @@ def test_two_classes_of_one_name_are_both_compared(monkeypatch):
     monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
     monkeypatch.setattr(model_selection, "replace", lambda e, **given: (e, given))
 
-    def solve(shape, start, options, poses=None, most=None):
-        return None if poses else Known(shape.name, 1.0 if shape.theta == 36 else 50.0)
+    class Solver:
+        def of_class(self, shape, options, start):
+            return Known(shape.name, 1.0 if shape.theta == 36 else 50.0)
+
+        def from_poses(self, *_):
+            return None
 
     classes = model_selection.classes_of([polytope(12), polytope(30)])
     options = type("Options", (), {"time_limit": 60.0})()
-    best, given = model_selection.likeliest_class(classes, solve, None, options)
+    best, given = model_selection.likeliest_class(classes, Solver(), None, options)
     assert best.objective == 1.0
     assert len(given["classes"]) == 2
 
@@ -139,12 +145,11 @@ def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):
 def test_a_box_starts_from_the_poses_of_a_hull(touched):
     data, scene = touched.measurements, touched.scene
     hull = solve_estimate(data, scene, shape="polytope")
-    given = {"formulation": "violation_implicit", "executor": None, "throw": False}
-    given |= {"options": None, "start": None, "session": Session(), "poses": hull}
-    box = estimate_of_class(data, scene, shape=CUBOID, **given)
+    solver = ClassSolver(data, scene, "violation_implicit", None, Session(), False)
+    box = solver.from_poses(CUBOID, None, hull, np.inf)
     assert box.objective < touched.objective + 0.1
     assert box.origin.path == ("poses of a polytope",)
-    assert estimate_of_class(data, scene, shape=CUBOID, most=-1.0, **given) is None
+    assert solver.from_poses(CUBOID, None, hull, -1.0) is None
 
 
 def test_a_start_is_given_to_every_class_that_it_fits(monkeypatch):
@@ -152,16 +157,17 @@ def test_a_start_is_given_to_every_class_that_it_fits(monkeypatch):
     monkeypatch.setattr(model_selection, "replace", lambda e, **given: e)
     given = {}
 
-    def solve(shape, start, options, poses=None, most=None):
-        given.setdefault(shape.name, start)
-        return Known(shape.name, 1.0)
+    class Solver:
+        def of_class(self, shape, options, start):
+            given.setdefault(shape.name, start)
+            return Known(shape.name, 1.0)
 
     guess = Guess(side_lengths=[0.04, 0.03, 0.05], position=[0.0, 0.0])
     classes = model_selection.classes_of(["cuboid", "cylinder", "polytope"])
     options = type("Options", (), {"time_limit": 60.0})()
-    model_selection.likeliest_class(classes, solve, guess, options)
+    model_selection.likeliest_class(classes, Solver(), guess, options)
     assert given == {"cuboid": guess, "cylinder": None, "polytope": None}
     with pytest.raises(StartError, match="no class can start"):
-        model_selection.likeliest_class(classes[1:], solve, guess, options)
+        model_selection.likeliest_class(classes[1:], Solver(), guess, options)
     with pytest.raises(OptionError, match="start"):
-        model_selection.likeliest_class(classes, solve, "nonsense", options)
+        model_selection.likeliest_class(classes, Solver(), "nonsense", options)

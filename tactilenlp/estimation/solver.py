@@ -6,11 +6,8 @@ The steps, in this order: request, search, refinement, certificates, readout.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from types import ModuleType
-
-import numpy as np
 
 from formulations.shape import Shape
 
@@ -67,47 +64,62 @@ def solve_estimate(
     is False; their `estimate` is what throw=False returns, also where the time limit
     ended the solve.  Ctrl-C raises Interrupted, whose `estimate` can be a start.
     """
-    one = partial(
-        estimate_of_class, data, scene, formulation=formulation, executor=executor,
-        throw=throw, session=PROCESS if session is None else session,
-    )  # fmt: skip
+    session = PROCESS if session is None else session
+    solver = ClassSolver(data, scene, formulation, executor, session, throw)
     if classes := classes_of(shape):
         check_types(options=(options, (Options, type(None))))
-        return likeliest_class(classes, one, start, options or Options())
-    return one(shape=shape, options=options, start=start)
+        return likeliest_class(classes, solver, start, options or Options())
+    return solver.of_class(shape, options, start)
 
 
-def estimate_of_class(
-    data, scene, *, shape, formulation, options, start, executor, throw, session,
-    poses=None, most=np.inf,
-) -> Estimate | None:  # fmt: skip
-    """Return the estimate of one class of shapes; arguments as of solve_estimate.
+@dataclass(frozen=True, eq=False)
+class ClassSolver:
+    """Estimates of one class of shapes; arguments as of solve_estimate."""
 
-    poses: an Estimate of another class, whose poses are taken instead of a search.
-    None if they leave touches that cost more than `most` [nats].
-    """
-    if poses is not None:
-        scene = (Scene() if scene is None else scene).on_ground_of(poses.scene)
-        start = poses if shape.parameters == "vertices" else None
-    request, hypotheses = read_request(
-        data, scene, shape, formulation, options, start, executor, session
-    )
-    if poses is not None and start is None:
-        request = replace(request, job=request.job.as_late_as(poses.sensors))
-        hypothesis = on_poses(request.job, poses)
+    data: object
+    scene: Scene | None
+    formulation: object
+    executor: object
+    session: Session
+    throw: bool
+
+    def of_class(self, shape, options, start) -> Estimate:
+        """Return the estimate of a class by its own search."""
+        return self._of_request(*self._read(self.scene, shape, options, start))
+
+    def from_poses(self, shape, options, poses, most) -> Estimate | None:
+        """Return the estimate of a class from the poses of another's, not by a search.
+
+        poses: an Estimate, whose ground and latency are taken as well; a polytope
+        starts from it.  None if they leave touches that cost more than `most` [nats].
+        """
+        scene = (self.scene or Scene()).on_ground_of(poses.scene)
+        if shape.parameters == "vertices":
+            return self._of_request(*self._read(scene, shape, options, poses))
+        request, hypotheses = self._read(scene, shape, options, None)
+        job = request.job.as_late_as(poses.sensors)
+        hypothesis = on_poses(job, poses)
         if hypothesis is None or hypothesis.objective > most:
             return None
-        request = replace(request, job=replace(request.job, hypothesis=hypothesis))
-    incumbents = Incumbents(hypotheses)
-    try:
-        with interruptible():
-            estimate, best = _estimated(request, incumbents)
-    except KeyboardInterrupt as stop:
-        raise interrupted(request, incumbents) from stop
-    session.keep(estimate, request.job)
-    if throw:
-        raise_unless_good(estimate, best)
-    return estimate
+        request = replace(request, job=replace(job, hypothesis=hypothesis))
+        return self._of_request(request, hypotheses)
+
+    def _read(self, scene, shape, options, start) -> tuple[Request, list]:
+        page, others = self.formulation, (start, self.executor, self.session)
+        return read_request(self.data, scene, shape, page, options, *others)
+
+    def _of_request(self, request: Request, hypotheses) -> Estimate:
+        """Return the estimate of a request; Ctrl-C raises Interrupted with one."""
+        incumbents = Incumbents(hypotheses)
+        try:
+            with interruptible():
+                estimate, best = _estimated(request, incumbents)
+        except KeyboardInterrupt as stop:
+            raise interrupted(request, incumbents) from stop
+        self.session.keep(estimate, request.job)
+        if self.throw:
+            raise_unless_good(estimate, best)
+        return estimate
 
 
 def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solved]:

@@ -78,10 +78,10 @@ def classes_of(shape) -> list[Shape]:
     return classes
 
 
-def likeliest_class(classes, solve, start, options) -> Estimate:
+def likeliest_class(classes, solver, start, options) -> Estimate:
     """Return the estimate of the class with the largest evidence, and its table.
 
-    classes: Shapes; solve(shape=, start=, options=) -> Estimate, or raises
+    classes: Shapes; solver: an estimation.solver.ClassSolver, whose estimates may raise
     TactileError; the time limit is shared by the classes that are left; start: of the
     classes that it fits, StartError if of none.  Raises the error of the first class if
     none has an estimate, and a PageError, which is a fault of the page.  The poses of
@@ -101,7 +101,7 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
         left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
         try:
             own_start = start if _starts_from(start, shape) else None
-            estimate = solve(shape=shape, start=own_start, options=left)
+            estimate = solver.of_class(shape, left, own_start)
             estimates[i] = evidence_of(estimate, shape), estimate
         except PageError:
             raise
@@ -109,7 +109,7 @@ def likeliest_class(classes, solve, start, options) -> Estimate:
             errors[i] = error
     if not estimates:
         raise next(iter(errors.values()))
-    _start_from_best(classes, solve, options, deadline, estimates)
+    _start_from_best(classes, solver, options, deadline, estimates)
     failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
     _, best = max(estimates.values(), key=lambda one: one[0])
     seconds = best.seconds | {"total": time.process_time() - began}
@@ -123,7 +123,7 @@ def _starts_from(start, shape) -> bool:
     return getattr(start, "shape", None) == shape.name
 
 
-def _start_from_best(classes, solve, options, deadline, estimates) -> None:
+def _start_from_best(classes, solver, options, deadline, estimates) -> None:
     """Solve classes that explain the data worse from the poses of the likeliest one.
 
     estimates: evidence and Estimate by number of the class, where what is likelier
@@ -140,7 +140,7 @@ def _start_from_best(classes, solve, options, deadline, estimates) -> None:
         left = replace(options, time_limit=max(MIN_CLASS_TIME, deadline.left))
         most = min(cost, best.objective + LEAST_MOTION_BEHIND)
         try:
-            again = solve(shape=shape, start=None, options=left, poses=best, most=most)
+            again = solver.from_poses(shape, left, best, most)
         except TactileError as error:
             log.info("%s from the poses of a %s: %s", shape.name, best.shape, error)
             continue
