@@ -122,7 +122,7 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
         def starts(self):
             first = replace(self.job, data=self.job.data.select([0]))
             found = TrackedSearch(first, [], 1).starts()
-            self.incumbents[:] = [self.out_of(h) for h in found]
+            self.keep([self.out_of(h) for h in found])
             raise KeyboardInterrupt
 
     monkeypatch.setattr(initial_search, "TrackedSearch", StoppedSearch)

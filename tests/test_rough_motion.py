@@ -173,9 +173,9 @@ def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, sh
     data, scene, _ = recorded
     whole, searches = optima.searched, []
 
-    def searched(request, kept, begun):
-        searches.append((request.job.data, list(kept)))
-        return whole(request, kept, begun)
+    def searched(request, incumbents, begun):
+        searches.append((request.job.data, list(incumbents.kept)))
+        return whole(request, incumbents, begun)
 
     monkeypatch.setattr(optima, "searched", searched)
     bad = [True]  # at first only

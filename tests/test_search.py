@@ -11,6 +11,7 @@ from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation import optima
 from tactilenlp.estimation.initial_search import ContactFrame, searched
+from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
 from tactilenlp.search.hypothesis import same, varied
 from tactilenlp.search.least_motion import least_motion, unseen
@@ -137,7 +138,7 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
         request, _ = read_request(
             there, scene, "cuboid", "violation_implicit", None, None, None, Session()
         )
-        found.append(searched(request, [])[1])
+        found.append(searched(request, Incumbents([]))[1])
     (best, *_), (moved, *_) = found
     back = ContactFrame(np.array([0.5, -0.25, np.pi / 2])).into(moved)
     assert same(CUBOID, best, back)  # its sides may be named otherwise

@@ -30,18 +30,19 @@ from ..search.proposals_floating import (
     with_tilted_normals,
 )
 from ..tracking.first_touch import TOP_TILT, first_contact, first_onset
+from .interrupted import Incumbents
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
 def searched(
-    request: Request, kept, search: TrackedSearch | None = None
+    request: Request, incumbents: Incumbents, search: TrackedSearch | None = None
 ) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Return hypotheses for the next action, and the same as the page starts from them.
 
-    kept: a list of those to begin with; holds those of the actions done so far; search:
-    one that was begun.  A floating object is searched in the plane of its touches.
+    incumbents: hypotheses to continue, then of the actions done so far; search: one
+    that was begun.  A floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
     if (hypothesis := request.job.hypothesis) is not None:
@@ -54,9 +55,9 @@ def searched(
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
     if reduced.shape.parameters == "sizes":
-        hypotheses = tracked_search(request, reduced, kept).starts()
+        hypotheses = tracked_search(request, reduced, incumbents).starts()
     else:
-        hypotheses = _search_vertices(reduced, plane, kept)
+        hypotheses = _search_vertices(reduced, plane, incumbents)
     if plane is None:
         return hypotheses, hypotheses
     starts = [in_free_motion(h, plane, reduced.shape) for h in hypotheses]
@@ -71,13 +72,13 @@ def reduced_job(request: Request) -> Job:
     return replace(job, reductions=Reductions())
 
 
-def _search_vertices(job, plane, kept) -> list[Hypothesis]:
+def _search_vertices(job, plane, incumbents) -> list[Hypothesis]:
     """Return hypotheses of a polytope: poses and planes, then its vertices."""
     if plane is None:
-        return search_polytope(job, kept)
-    kept[:] = [in_plane(h, plane) for h in kept]
-    hypotheses = search_polytope(job, kept)
-    (other,) = search_polytope(with_tilted_normals(job), kept)
+        return search_polytope(job, incumbents.kept)
+    incumbents.keep(in_plane(h, plane) for h in incumbents.kept)
+    hypotheses = search_polytope(job, incumbents.kept)
+    (other,) = search_polytope(with_tilted_normals(job), incumbents.kept)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*hypotheses, replace(other, objective=hypotheses[0].objective)]
 
@@ -131,16 +132,16 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
     return replace(h, x=carried(h.x, old, new), offset=offset)
 
 
-def tracked_search(request: Request, job: Job, kept: list) -> TrackedSearch:
+def tracked_search(request: Request, job: Job, incumbents) -> TrackedSearch:
     """Return the search for a shape with sizes, in the frame of the first touch.
 
-    job: with reductions of its own; kept: see TrackedSearch.incumbents.
+    job: with reductions of its own; incumbents: as of `searched`.
     """
     first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
     job = replace(job, first=first)
     if not default_cache().functions and job.deadline.left > AMPLE:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
-    job, in_frame = frame.job(job), tuple(frame.into(h) for h in kept)
+    job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)
     arguments = job, in_frame, request.widths[1], request.executor
-    return TrackedSearch(*arguments, incumbents=kept, out_of=frame.out_of)
+    return TrackedSearch(*arguments, keep=incumbents.keep, out_of=frame.out_of)

@@ -31,6 +31,10 @@ class Incumbents:
     solves: Solves = field(default_factory=Solves)
     began: float = field(default_factory=time.process_time)  # [s] of CPU
 
+    def keep(self, hypotheses) -> None:
+        """Replace the hypotheses of the first actions."""
+        self.kept = [*hypotheses]
+
     @property
     def spent(self) -> float:
         """CPU time [s] since the beginning."""

@@ -115,7 +115,7 @@ def _of_one_search(request, incumbents, update=None, earlier=()) -> Optima:
     if enough:
         kept = starts = [s.at for s in earlier]
     else:
-        kept, starts = searched(request, incumbents.kept, search)
+        kept, starts = searched(request, incumbents, search)
     incumbents.kept, seconds = kept, incumbents.spent
     solved = _solved_page(request, starts, incumbents, update, earlier, enough)
     if solved and newly_late(request.job, solved[0].job):
@@ -142,7 +142,7 @@ def _updated_by_few(request, incumbents) -> tuple:
     asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search = tracked_search(request, reduced_job(request), incumbents.kept)
+    search = tracked_search(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()
     with job.deadline.ending("an update by few starts"):
         enough = updated_by_few(job, start, search.first(), search.second, solves)

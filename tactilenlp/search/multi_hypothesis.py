@@ -90,16 +90,16 @@ class TrackedSearch:
     """The search for the starts of a job: tracks, and optima of least motion from them.
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
-    executor: see least_motion; incumbents: holds hypotheses of the actions done, also
-    by Ctrl-C; out_of: maps a resulting hypothesis to another frame.  What it was asked
-    for first is not computed again.
+    executor: see least_motion; keep(hypotheses): is called with those of the actions
+    done, also by Ctrl-C; out_of: maps a resulting hypothesis to another frame.  What it
+    was asked for first is not computed again.
     """
 
     job: Job
     kept: Sequence[Hypothesis]
     count: int
     executor: Executor | None = None
-    incumbents: list = field(default_factory=list)
+    keep: Callable[[list[Hypothesis]], None] = field(default=lambda _: None)
     out_of: Callable[[Hypothesis], Hypothesis] = field(default=lambda h: h)
     lying: dict = field(default_factory=dict)  # of tracks: the optima of least motion
 
@@ -136,8 +136,9 @@ class TrackedSearch:
         return self.out_of(self._continued[0])
 
     def _keep(self, hypotheses) -> list[Hypothesis]:
-        self.incumbents[:] = [self.out_of(h) for h in hypotheses]
-        return list(self.incumbents)
+        moved = [self.out_of(h) for h in hypotheses]
+        self.keep(moved)
+        return moved
 
     def _lying(self, tracks) -> list[Hypothesis]:
         return least_motion(self.job, tracks, self.executor, self.lying)
