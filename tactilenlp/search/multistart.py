@@ -90,44 +90,46 @@ def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:
     with interruptible():
         _multistart(job, hypotheses, levels, earlier, solves)
         if levels[-1] is not last:
-            _finish(job, last, earlier, solves.ended)
+            _finish(job, last, earlier, solves)
     return best_first(solves.ended)
 
 
 def _multistart(job, hypotheses, levels, earlier, solves) -> None:
     """Add solves before the last level as provisional ones, and those after it."""
-    solved, rough = solves.ended, solves.provisional().ended
+    provisional = solves.provisional()
     built = None  # each stage ends with a level that holds no poses
     stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
     stage_ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
     for h in progress(hypotheses, "solve"):
-        if (earlier or solved or rough) and job.deadline.passed("all hypotheses"):
+        any_ended = earlier or solves.ended or provisional.ended
+        if any_ended and job.deadline.passed("all hypotheses"):
             break
         if built is None or job.shape.window_depends_on_start:
             built = built_page(job, in_motion_of(job, h))
         if separate:  # held or free poses do not come together before the last level
-            solved.append(solved_from(job, h, built, levels))
+            solves.add(solved_from(job, h, built, levels))
             continue
         end, first = _solved_stages(job, h, built, stages, stage_ends)
         if first is None:
-            rough.append(end)
-        elif first is min(rough, key=lambda s: s.at.rank).hypothesis:
+            provisional.add(end)
+        elif first is min(provisional.ended, key=lambda s: s.at.rank).hypothesis:
             log.info("two starts lead to the best optimum: no others are solved")
             break
     earlier_ends = [end for s in earlier for end in (s.at, s.rough) if end is not None]
-    for s in sorted(rough, key=lambda s: s.at.rank):
-        if (earlier or solved) and job.deadline.passed("all hypotheses"):
+    for s in sorted(provisional.ended, key=lambda s: s.at.rank):
+        known = [*earlier, *solves.ended]
+        if known and job.deadline.passed("all hypotheses"):
             break
         if any(same(job.shape, s.at, end) for end in earlier_ends):
             continue
-        good = [k.solution.objective for k in (*earlier, *solved) if k.solution.success]
+        good = [k.solution.objective for k in known if k.solution.success]
         margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
         if s.solution.objective > min(good, default=np.inf) + margin:
             continue  # too far behind the best to be solved to the end
         end = solved_from(job, s.hypothesis, s.built, levels[-1:], s.solution)
-        solved.append(replace(end, rough=s.at))
+        solves.add(replace(end, rough=s.at))
         earlier_ends.append(s.at)
 
 
@@ -138,15 +140,15 @@ def ranking(level):
     return level.with_ipopt(max_iter=RANKED_ITERATIONS)
 
 
-def _finish(job, level, earlier, solved) -> None:
+def _finish(job, level, earlier, solves) -> None:
     """Solve the best start to the end, if it is unfinished and ahead of the others."""
-    ended = [s.cost for s in (*earlier, *solved) if s.solution.success]
-    ahead = [s for s in solved if not s.solution.success]
+    ended = [s.cost for s in (*earlier, *solves.ended) if s.solution.success]
+    ahead = [s for s in solves.ended if not s.solution.success]
     ahead = [s for s in ahead if s.cost < min(ended, default=np.inf) - DECISIVE]
     if ahead and not job.deadline.passed("an unfinished solve of the page"):
         best = min(ahead, key=lambda s: s.cost)
         end = solved_from(job, best.hypothesis, best.built, [level], best.solution)
-        solved[solved.index(best)] = replace(end, rough=best.rough)
+        solves.exchange(best, replace(end, rough=best.rough))
 
 
 def _solved_stages(job, h, built, stages, stage_ends):
