@@ -51,7 +51,7 @@ def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
     assert multistart(job, [pushed(h, 1e-4)], LEVELS, earlier=known) == []
     # A known one that costs 100 nats less than anything: nothing comes near it.
     cheap = replace(known[0].solution, objective=h.objective - 100)
-    lucky = replace(known[0], solution=cheap, rough=None)
+    lucky = replace(known[0], solution=cheap, before_last_level=None)
     far = pushed(h, 30e-3)
     assert multistart(job, [far], LEVELS, earlier=[lucky]) == []
 

@@ -68,7 +68,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
 def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
     """Return the error for Ctrl-C, with the best estimate of what was found by now.
 
-    Of solved pages the best, or roughly solved ones where there is no other; before
+    Of solved pages the best, or a provisional one where there is no other; before
     these, least motion of the actions that the search has finished; before the first of
     them, and for a floating object, whose hypotheses lie in a plane of their own, no
     estimate.

@@ -52,9 +52,9 @@ def with_tilt(best: Solved) -> Solved:
         return best
     free = job.with_reductions(planar=False)
     tilted = freed_to_tilt(free, best)
-    rough = job.contract.rough
-    if rough and not explained(tilted):
-        levels = [held_briefly(rough[0]), *rough[1:]]
+    guess_levels = job.contract.rough
+    if guess_levels and not explained(tilted):
+        levels = [held_briefly(guess_levels[0]), *guess_levels[1:]]
         again = solved_from(free, tilted_by_normals(best), levels=levels)
         tilted = best_first([tilted, again])[0]
     gain = gain_of(best, tilted)

@@ -123,8 +123,8 @@ def continued(job, solved: Solved) -> Solved | None:
     """
     if job.deadline.passed("continuation"):
         return None
-    if rough := job.contract.rough[-2:]:
-        return solved_from(job, solved.at, levels=rough)
+    if guess_levels := job.contract.rough[-2:]:
+        return solved_from(job, solved.at, levels=guess_levels)
     if not job.contract.extends:
         return None
     return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])

@@ -65,13 +65,13 @@ def levels_of(job):
     """
     contract, page = job.contract, job.page
     unknown = not job.reductions.rigid and job.scene.compliance is None
-    rough = contract.rough or page.LEVELS[-1:]
+    guess_levels = contract.rough or page.LEVELS[-1:]
     if unknown and "rigid" in contract.freed:
-        held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in rough]
+        held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in guess_levels]
         held[:-1] = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held[:-1]]
-        return [*held, rough[-1]]
+        return [*held, guess_levels[-1]]
     if not job.reductions.aligned and "aligned" in contract.freed:
-        return rough
+        return guess_levels
     if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         return contract.from_guesses
     planar = job.reductions.planar
@@ -117,7 +117,7 @@ def _multistart(job, hypotheses, levels, earlier, solves) -> None:
         elif first is min(provisional.ended, key=lambda s: s.at.rank).hypothesis:
             log.info("two starts lead to the best optimum: no others are solved")
             break
-    earlier_ends = [end for s in earlier for end in (s.at, s.rough) if end is not None]
+    earlier_ends = [end for s in earlier for end in (s.at, s.before_last_level) if end]
     for s in sorted(provisional.ended, key=lambda s: s.at.rank):
         known = [*earlier, *solves.ended]
         if known and job.deadline.passed("all hypotheses"):
@@ -129,7 +129,7 @@ def _multistart(job, hypotheses, levels, earlier, solves) -> None:
         if s.solution.objective > min(good, default=np.inf) + margin:
             continue  # too far behind the best to be solved to the end
         end = solved_from(job, s.hypothesis, s.built, levels[-1:], s.solution)
-        solves.add(replace(end, rough=s.at))
+        solves.add(replace(end, before_last_level=s.at))
         earlier_ends.append(s.at)
 
 
@@ -148,7 +148,7 @@ def _finish(job, level, earlier, solves) -> None:
     if ahead and not job.deadline.passed("an unfinished solve of the page"):
         best = min(ahead, key=lambda s: s.cost)
         end = solved_from(job, best.hypothesis, best.built, [level], best.solution)
-        solves.exchange(best, replace(end, rough=best.rough))
+        solves.exchange(best, replace(end, before_last_level=best.before_last_level))
 
 
 def _solved_stages(job, h, built, stages, stage_ends):

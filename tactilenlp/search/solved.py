@@ -88,9 +88,9 @@ class BuiltPage:
 class Solved:
     """A page solved from one hypothesis.
 
-    rough: the hypothesis after the levels before the last one; profile (k, k): how far
-    sizes and final pose may be off (refinement/profile_likelihood.py); declined: larger
-    models that the data did not ask for, each with its check.
+    before_last_level: the hypothesis after the levels before the last one; profile (k,
+    k): how far sizes and final pose may be off (refinement/profile_likelihood.py);
+    declined: larger models that the data did not ask for, each with its check.
     """
 
     hypothesis: Hypothesis
@@ -98,7 +98,7 @@ class Solved:
     solution: Solution
     job: Job
     certificates: Certificates = field(default_factory=lambda: Certificates(()))
-    rough: Hypothesis | None = None
+    before_last_level: Hypothesis | None = None
     profile: np.ndarray | None = None
     declined: tuple = ()
 
@@ -215,14 +215,14 @@ class Solves:
 
     def best_first(self) -> list[Solved]:
         """Return the solves, the best first; provisional ones where these are all."""
-        return best_first(self._to_the_end() or self._rough())
+        return best_first(self._to_the_end() or self._provisional_ones())
 
     def _to_the_end(self) -> list[Solved]:
         return [*self.ended, *(s for p in self._parts for s in p._to_the_end())]
 
-    def _rough(self) -> list[Solved]:
+    def _provisional_ones(self) -> list[Solved]:
         own = self._provisional.best_first() if self._provisional else []
-        return [*own, *(s for p in self._parts for s in p._rough())]
+        return [*own, *(s for p in self._parts for s in p._provisional_ones())]
 
 
 def comparable(best: Solved, solved) -> list[Solved]:
