@@ -1,4 +1,4 @@
-"""Describe the tangent space of shape and pose; name what the data leave open.
+"""Describe the tangent space of shape and pose; name unobserved directions.
 
 Coordinates of the pose are its position and a small rotation about the world's axes;
 of planar motion they are its unknowns, in the frame of the ground.

@@ -49,7 +49,7 @@ def article(name: str) -> str:
 
 
 def remarks_of(estimate) -> list[str]:
-    """Return sentences on classes, fit, nuisance parameters, what is open, optima."""
+    """Return sentences on classes, fit, nuisance parameters, what is not observed."""
     lines = []
     if estimate.classes:
         lines.append(classes_in_words(estimate.classes))
