@@ -187,6 +187,7 @@ def gradient_normal(distance) -> Callable:
 
 
 def _normal_of(distance, theta, q_of, small):
+    """Return the unit gradient (3,) of a distance at q_of (3,) [m]."""
     count = theta.numel() if hasattr(theta, "numel") else len(theta)
     made = _gradient(distance, count)
     gradient = made(theta, q_of, small)

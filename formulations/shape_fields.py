@@ -90,6 +90,7 @@ def _whole(value) -> bool:
 
 
 def _number(value) -> bool:
+    """Tell whether a value is a finite real number."""
     plain = isinstance(value, (int, float)) and not isinstance(value, bool)
     try:
         return plain and isfinite(value)
@@ -114,6 +115,7 @@ def _count(value) -> bool:
 
 
 def _points(value) -> bool:
+    """Tell whether a value lists points of three numbers, at least one."""
     listed = _listed(value) and len(value) > 0
     return listed and all(
         _listed(point) and len(point) == 3 and all(map(_number, point))
@@ -122,6 +124,8 @@ def _points(value) -> bool:
 
 
 def _pair(value, n: int) -> bool:
+    """Tell whether a value is a pair, each one a number or n numbers."""
+
     def one(part) -> bool:
         many = _listed(part) and len(part) == n and all(map(_number, part))
         return many or _number(part)
@@ -130,6 +134,7 @@ def _pair(value, n: int) -> bool:
 
 
 def _function(shape, name: str, optional: bool) -> bool:
+    """Tell whether a field is a function of as many arguments as it is called with."""
     value = getattr(shape, name)
     if value is None:
         return optional
@@ -149,6 +154,7 @@ def takes(function, arguments: int) -> bool:
 
 
 def _short(value) -> str:
+    """Return a value in words, at most SHOWN characters."""
     try:
         text = repr(value)
     except Exception:  # of a foreign class, or an integer of 5000 digits

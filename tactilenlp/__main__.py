@@ -81,6 +81,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_explore(commands) -> None:
+    """Add the command that explores a box in simulation."""
     explore = commands.add_parser(
         "explore", help="explore a box in simulation", description=EXPLORE_HELP
     )
@@ -111,6 +112,7 @@ def _seed(text: str) -> int:
 
 
 def _add_outputs(command) -> None:
+    """Add the options that name a report and a model to write."""
     words = "write an interactive report, .html"
     command.add_argument("--output", type=Path, metavar="PAGE", help=words)
     words = "write the shape: .stl .obj .ply .glb .xml (MJCF) .urdf, its mesh beside it"
@@ -192,6 +194,7 @@ def _write_outputs(estimate, given) -> None:
 
 
 def _estimate(given):
+    """Return the estimate of the recording that a command names."""
     from . import Measurements, Scene, solve_estimate
 
     return solve_estimate(

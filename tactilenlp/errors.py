@@ -53,6 +53,7 @@ def shortened(value: object, words=repr, most: int = SHOWN_CHARACTERS) -> str:
 
 
 def _rebuild(kind: type, args: tuple, state: dict) -> TactileError:
+    """Return an error as it was pickled, without its constructor."""
     error = kind.__new__(kind)
     error.args = args
     error.__dict__.update(state)
@@ -181,6 +182,7 @@ def did_you_mean(name, names) -> str:
 
 
 def _wrong_call(error, cls, names: list, wrong: TypeError, given: dict) -> TactileError:
+    """Return the error for arguments that a class does not take."""
     unknown = [name for name in given if name not in names]
     _, lacks, missing = f"{wrong}".partition("missing a required argument: ")
     help_ = "check the spelling" if unknown else "see its documentation"

@@ -76,6 +76,7 @@ def same_content(a, b) -> bool:
 
 
 def _same_arrays(a, b) -> bool:
+    """Tell whether two values are arrays of one kind with the same entries."""
     if not (isinstance(a, np.ndarray) and isinstance(b, np.ndarray)):
         return False
     numbers = a.dtype.kind in "fc" and b.dtype.kind in "fc"

@@ -106,6 +106,7 @@ def _is_locked(lock: int, path: Path, file) -> bool:
 
 
 def _not_locked(file, bad: OSError) -> FileError:
+    """Return the error for a file that the system does not lock."""
     return FileError(
         "cannot be locked", where=str(file), got=f"{type(bad).__name__}: {bad}",
         expected="a folder that can be written, of a file system with locks",

@@ -111,6 +111,7 @@ def _at(found, steps, where=""):
 
 
 def _check_shape(where: str, value, shape: tuple, sizes: dict) -> None:
+    """Raise ValueError unless an array has a shape; sizes: of names, extended."""
     got = (len(value),) if isinstance(value, tuple) else np.shape(value)
     if isinstance(value, np.ndarray) and value.dtype.kind not in "biuf":
         raise ValueError(f"{where} has dtype {value.dtype}, expected numbers")

@@ -222,6 +222,7 @@ def _pack(value, name: str, arrays: dict, kinds: dict):
 
 
 def _unpack(tree, arrays: dict, kinds: dict):
+    """Return the value that a JSON tree stands for; the inverse of `_pack`."""
     if not isinstance(tree, dict):
         return tree
     if "array" in tree:

@@ -41,6 +41,7 @@ def wipe() -> None:
 
 
 def _write(line: str) -> None:
+    """Write to stderr if it is a terminal."""
     # A stream that was closed raises ValueError, a terminal that has gone OSError.
     with suppress(ValueError, OSError):
         if getattr(sys.stderr, "isatty", lambda: False)():

@@ -90,6 +90,7 @@ def _target(path) -> Path:
 
 
 def _not_written(path, bad: Exception) -> WriteError:
+    """Return the error for a file that the system does not write."""
     return WriteError(
         "cannot be written", where=str(path), got=f"{type(bad).__name__}: {bad}",
         next="free space, or write elsewhere; what was there before is unchanged",

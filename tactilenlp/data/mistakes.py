@@ -178,6 +178,7 @@ def _axes(Q: np.ndarray) -> str:
 
 
 def _of_radius(record: Record) -> Iterator[Mistake]:
+    """Yield every other unit of the radii of fingers."""
     for factor in RADIUS_FACTORS:
         resized = partial(record.with_same_touches, radius=record.radius * factor)
         mistake = "the radius is in the wrong unit"

@@ -100,6 +100,7 @@ class Trajectories:
 
 
 def _numbers(name: str, value, width: int, unit: str) -> np.ndarray:
+    """Return finite numbers (T, width); MeasurementError for anything else."""
     array = numbers_of(name, value, MeasurementError, "T", width, unit=unit)
     _check(len(array) > 0, name, "a sample", "none")
     _check_each(np.isfinite(array).all(axis=1), name, "finite numbers")
@@ -113,6 +114,7 @@ def _check_each(good: np.ndarray, name: str, expected: str) -> None:
 
 
 def _check(good: bool, name: str, expected: str, got: str, index=None) -> None:
+    """Raise MeasurementError unless a value is good; index: where it is not."""
     if not good:
         raise MeasurementError(
             "cannot be used", index=index, where=name, expected=expected, got=got

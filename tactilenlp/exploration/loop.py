@@ -232,6 +232,7 @@ def _saved(kept: Exploration, file) -> Exploration:
 
 
 def _enough(step: Step, until) -> bool:
+    """Tell whether a step is the last: by a function, or by the sigmas of sizes."""
     if callable(until):
         return bool(until(step))
     information, fit = step.estimate.information, step.estimate.fit

@@ -203,6 +203,11 @@ def _read_off(
     trajectories, scene, shape, steps, signs, ruler, problem, window, solution, chosen,
     deadline,
 ) -> Body:  # fmt: skip
+    """Return the body of a solved problem, with the deviations of its numbers.
+
+    steps, signs, ruler: as of `prepared`; problem, window, solution, chosen: as of
+    `_best`; deadline: of the covariance.
+    """
     left = len(chosen) - len(window.step), int(steps.resting.sum())
     words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     values = {k: v.squeeze() for k, v in solution.values.items()}
@@ -252,6 +257,7 @@ def _sharp_sigma(C, names, signs, push) -> np.ndarray:
 
 
 def _impulses(trajectories, scene, problem, window, solution) -> np.ndarray:
+    """Return the impulses (T, V, 3) [N s] of the ground on every vertex."""
     x, data = solution.at(problem)
     found = problem.value("world impulse", x, data) @ scene.ground.rotation
     out = np.zeros((len(trajectories.toss), window.vertices, 3))

@@ -143,6 +143,7 @@ def _check_fall(toss, height, dt, gravity) -> None:
 
 
 def _wrong_fall(g, dt, gravity) -> MeasurementError:
+    """Return the error for free falls at g instead of gravity [m/s^2]."""
     return MeasurementError(
         "free falls contradict the interval or the unit", where="dt, position",
         got=f"{g:.3g} m/s^2 in free falls", expected=f"about {gravity:.3g}",

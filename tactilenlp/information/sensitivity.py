@@ -43,6 +43,7 @@ def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.nda
 
 
 def difference(by_gradient, by_constraint, ends, step) -> np.ndarray:
+    """Return the change (k,) with r; ends: KKT residuals at r = step, -step."""
     (s, g), (s_1, g_1) = ends
     return -(by_gradient.T @ (s - s_1) + by_constraint.T @ (g - g_1)) / (2 * step)
 

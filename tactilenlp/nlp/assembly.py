@@ -177,6 +177,7 @@ class Assembly:
         self._sums = sp.csr_matrix((factors, (target, read)), shape)
 
     def _add_up_curves(self) -> None:
+        """Lay out the Hessian, and the matrix that sums the nonzeros of its terms."""
         n, found, hessian = len(self._scale), self._found_second, []
         for k, term in enumerate(self.terms):
             self._deadline.check()

@@ -157,6 +157,7 @@ def _say_waiting() -> None:
 
 
 def _started(command: list[str], folder: Path, messages) -> subprocess.Popen:
+    """Start a compiler in a session of its own; messages: a file for its output."""
     environment = {**os.environ, "LC_ALL": "C", "TMPDIR": str(folder)}
     return subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=messages,

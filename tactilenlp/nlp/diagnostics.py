@@ -75,6 +75,7 @@ def _limits(lower: np.ndarray, upper: np.ndarray) -> str:
 
 
 def _sentence(term: Term) -> str:
+    """Return name, size, and role or limits of a term in a line."""
     function = term.function
     role = f"  {term.role}" if term.role else ""
     if term.lower is not None:

@@ -135,6 +135,7 @@ class KKTSystem:
         return sum((self._hessian_of(name) for name in names), zero)
 
     def _hessian_of(self, name: str) -> sp.csc_matrix:
+        """Return the Hessian of a term, weighted by its multipliers; kept."""
         if name not in self._computed:
             weight = self.multipliers.get(name, 1.0)
             self._computed[name] = self.problem.hessian(name, self.x, self.data, weight)

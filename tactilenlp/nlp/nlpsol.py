@@ -212,6 +212,7 @@ class ArrayFunction(ca.Callback):
         return True
 
     def eval_buffer(self, arguments, results):
+        """Read the arguments from CasADi's memory, write the results; return 0."""
         given = [
             np.zeros(pattern.nnz()) if one is None else np.frombuffer(one)
             for one, pattern in zip(arguments, self._inputs, strict=True)

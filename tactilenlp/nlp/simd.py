@@ -127,6 +127,7 @@ def _written() -> dict[int, str]:
 
 
 def _of_each(name: str, *operands: str) -> str:
+    """Return the C function that applies another one to each entry of vectors."""
     given = ", ".join(f"vector {one}" for one in operands)
     read = ", ".join(f"{one}[k]" for one in operands)
     each = f"for (int k = 0; k < {WIDTH}; ++k) a[k] = {name.lower()}({read});"

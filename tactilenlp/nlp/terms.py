@@ -252,6 +252,7 @@ def apart(function: Callable, arguments) -> tuple[Callable, list]:
 
 
 def _parts(argument) -> list:
+    """Return the arguments of which a joined one, or a named tuple, consists."""
     if isinstance(argument, Joined):
         return [argument.data, argument.unknowns]
     if hasattr(argument, "_fields"):

@@ -81,6 +81,7 @@ def _coloured(estimate):
 
 
 def _mjcf(estimate, path):
+    """Return the MJCF model of a body at its last pose."""
     root = xml.Element("mujoco", model=path.stem)
     p, q = np.zeros(3), np.array([1.0, 0, 0, 0])
     if hasattr(estimate, "position"):  # a Body has no pose
@@ -108,6 +109,7 @@ def _mjcf(estimate, path):
 
 
 def _urdf(estimate, path):
+    """Return the URDF model of a body; its mesh is written beside `path`."""
     root = xml.Element("robot", name=path.stem)
     link = xml.SubElement(root, "link", name="object")
     mass, centre, inertia, friction = _physics(estimate)

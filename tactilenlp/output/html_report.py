@@ -109,6 +109,7 @@ def _frame(estimate) -> tuple[np.ndarray, float]:
 
 
 def _faces(estimate) -> list[dict]:
+    """Return corners, normal and colour of every face; the colour tells its sigma."""
     return [
         {
             "corners": corners.tolist(),
@@ -201,6 +202,7 @@ def _fit(fit) -> dict | None:
 
 
 def _solve(estimate) -> list[list[str]]:
+    """Return the rows of the table about the solve."""
     return [
         ["formulation", estimate.formulation],
         ["status", estimate.status],

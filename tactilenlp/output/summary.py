@@ -121,6 +121,7 @@ def named_sizes(estimate) -> list[tuple[str, str]]:
 
 
 def _size_of_hull(estimate) -> str:
+    """Return the size of a hull, and how well touched planes are known, in words."""
     touched = np.count_nonzero(estimate.faces)
     extent = MM_PER_M * np.ptp(estimate.vertices, axis=0)
     across = " x ".join(f"{s:.1f}" for s in extent)
@@ -213,6 +214,7 @@ def doubts_in_words(considered) -> list[str]:
 
 
 def _compliance(estimate) -> str:
+    """Return a sentence on how soft the fingertips are."""
     weight = estimate.scene.mass * G
     depth = MM_PER_M * estimate.compliance * weight
     words = (

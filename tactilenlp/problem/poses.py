@@ -54,6 +54,7 @@ def body_corners(shape, theta) -> np.ndarray:
 
 @cache
 def _corners(shape):
+    """Return theta -> (3, 2 n): corners, and these mirrored at the plane z = 0."""
     theta = ca.SX.sym("theta", shape.theta)
     signs = np.array(shape.corners)
     every = np.vstack([signs, signs * [1, 1, -1]])

@@ -146,6 +146,7 @@ class Plant:
         return touch.reshape(-1, reference.shape[1], 6)
 
     def _step(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Advance by a step of the servos to position (F, 3) [m]; return the touch."""
         import mujoco
 
         data = self._data
@@ -159,6 +160,7 @@ class Plant:
         return self._touch()
 
     def _touch(self) -> np.ndarray:
+        """Return (F, 6) [N] of each finger, as `follow` does."""
         import mujoco
 
         touch, wrench = np.zeros((self.model.ngeom - self._first, 6)), np.zeros(6)

@@ -172,6 +172,7 @@ class World:
         return self._keep(time, true, parked)
 
     def _keep(self, time: np.ndarray, true: Truth, parked: np.ndarray) -> Measurements:
+        """Append an action to measurements and truth; return what is measured of it."""
         past = self.measurements
         data = Measurements(
             time=time,

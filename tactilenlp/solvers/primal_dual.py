@@ -171,6 +171,7 @@ class Run:
         return status
 
     def _update_barrier(self) -> None:
+        """Lower the barrier parameter while its problem is solved well enough, (7)."""
         least = min(self.settings.tol, self.settings.compl_inf_tol) / (INNER + 1)
         while (mu := self.mu) > least and self._error(mu) <= INNER * mu:
             self.mu = max(least, min(LINEAR * mu, mu**SUPERLINEAR))
@@ -208,6 +209,7 @@ class Run:
         return dx, ds, y
 
     def _next_damping(self, delta: float) -> float:
+        """Return the damping to try after delta; Stuck where that was too large."""
         if delta == 0:
             known = self.damping > 0
             return max(LEAST_DAMPING, DECREASE * self.damping) if known else FIRST

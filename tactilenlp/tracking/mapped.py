@@ -41,6 +41,7 @@ class MappedFunction:
         return [np.array(whole[:count].T, order="C") for whole in written]  # copies
 
     def _new_arrays(self, thread: int, count: int) -> tuple:
+        """Return arrays for so many columns, what evaluates them, and what it needs."""
         function = self._made()
         read = [np.zeros((count, function.size1_in(k))) for k in range(function.n_in())]
         written = [

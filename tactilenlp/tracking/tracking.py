@@ -161,7 +161,7 @@ def _corrected(ekf, tracks, t):
 
 
 def _telling(ekf, z, t) -> list[tuple]:
-    """Return of each finger that may tell something: felt, correction, arguments."""
+    """Return corrections by fingers at or near a body: felt, function, arguments."""
     data, geometry, telling = ekf.data, ekf.geometry, []
     touch, overlap = corrections(geometry.shape)
     sigma, reach, height = np.array(ekf.noise), geometry.reach(z), None
