@@ -111,7 +111,6 @@ class Touched:
         return R.T @ (p_wf - p) - rho * outward(plane)
 
     def touch(self, x, plane, p_wf, rho, n_m, sigma, sigma_n):
-        """Return the cost of a felt finger: its gap to a plane, and its normal."""
         p, R = self.motion.pose(self.shape, None, x)
         n = outward(plane)
         phi = ca.dot(n, R.T @ (p_wf - p)) - rho - plane[3]
@@ -119,18 +118,15 @@ class Touched:
         return sensing.mixture(cost, self.outlier_cost)
 
     def behind(self, x, plane, other, p_wf, rho, sigma):
-        """Return the cost of a contact point in front of another plane."""
         c = self.contact(x, plane, p_wf, rho)
         return beyond(ca.dot(outward(other), c) - other[3], sigma)
 
     def outside(self, x, plane, y, p_wf, rho, r_wf, radius, sigma):
-        """Return the cost of a contact point inside a finger's sphere at a pose y."""
         c = self.contact(x, plane, p_wf, rho)
         p, R = self.motion.pose(self.shape, None, y)
         return beyond(radius - ca.norm_2(R.T @ (r_wf - p) - c), sigma)
 
     def slip(self, x, x_1, plane, plane_1, p_wf, rho, p_wf_1):
-        """Return the cost of the way of a contact point along the body in a step."""
         c = self.contact(x, plane, p_wf, rho)
         c_1 = self.contact(x_1, plane_1, p_wf_1, rho)
         return SLIP_WEIGHT * (ca.sqrt(ca.sumsqr(c - c_1) + WAY_EPS**2) - WAY_EPS)

@@ -104,6 +104,7 @@ def workspace(folder: Path) -> Iterator[Path]:
 
 
 def _digest_file(library: Path) -> Path:
+    """Return the file that holds the digest of a library."""
     return library.with_suffix(".sha256")
 
 

@@ -75,6 +75,7 @@ class JointZeros:
 
     @property
     def _J(self) -> np.ndarray:
+        """The Jacobians of the positions (F, 3, 3) [m/rad]."""
         return np.array(self.jacobian)[:, :3]
 
     @property

@@ -87,5 +87,6 @@ def _turned(normal: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarr
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 3) of length one; those of length zero stay."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1.0)

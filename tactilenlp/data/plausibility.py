@@ -73,6 +73,7 @@ def most_log_likelihood(record: Record, terms: Sequence[str]) -> float:
 
 
 def _mixed(density, departure):
+    """Return the log density of an event that departs from its law that often."""
     return np.log((1 - departure) * density + departure)
 
 

@@ -89,6 +89,7 @@ class Objective:
 
     @property
     def left(self) -> int:
+        """The number of evaluations that are left."""
         return self.budget - len(self.scores)
 
     def __call__(self, angles: np.ndarray) -> float:
@@ -102,6 +103,7 @@ class Objective:
 
     @property
     def middle(self) -> np.ndarray:
+        """The angles in the middle of their bounds."""
         return (self.lower + self.upper) / 2
 
     def random(self, rng) -> np.ndarray:
@@ -110,6 +112,7 @@ class Objective:
 
     @property
     def best(self) -> np.ndarray:
+        """The angles of the highest score so far."""
         return self.tried[int(np.argmax(self.scores))]
 
 

@@ -148,6 +148,7 @@ def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
 
 
 def _misfit(actual: float, count: int, mean: float, spread: float) -> Misfit:
+    """Return the Misfit of a cost; mean, spread: of one of `count` terms."""
     return Misfit(float(actual), mean * count, spread * count**0.5)
 
 

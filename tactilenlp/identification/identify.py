@@ -111,6 +111,7 @@ def _evidence(window, solution) -> float:
 
 
 def _fit(window, solution) -> BodyFit:
+    """Return how well a solution explains the motion."""
     return fit_of(solution.costs, len(window.step))
 
 

@@ -134,6 +134,7 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> TossSteps:
 
 
 def _columns(rotation) -> np.ndarray:
+    """Return rotation matrices (n, 9), column by column."""
     return rotation.as_matrix().transpose(0, 2, 1).reshape(-1, 9)
 
 

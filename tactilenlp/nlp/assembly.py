@@ -228,6 +228,7 @@ class _Gathered(_Slices):
         self._indices = np.concatenate([np.zeros(0, int), *read])
 
     def gather(self, vector: np.ndarray) -> None:
+        """Read a vector at the indices of all instances, into `whole`."""
         np.take(vector, self._indices, out=self.whole, mode="clip")
 
 

@@ -131,10 +131,12 @@ def _loaded(path: Path, load: Callable):
 
 
 def _externals(names, path: str) -> list[ca.Function]:
+    """Return the functions of a compiled library."""
     return [ca.external(name, path) for name in names]
 
 
 def _key(origin: str) -> str:
+    """Return the name of a library: a hash of all that its machine code depends on."""
     vector_rule = inspect.getsource(inspect.getmodule(vector_source))
     known = [compiler(), *_flags(), processor(), ca.__version__, vector_rule, origin]
     return hashlib.sha256(" ".join(known).encode()).hexdigest()[:32]
@@ -152,6 +154,7 @@ def _place() -> str:
 
 
 def _warn_once(error: Exception) -> None:
+    """Log once for a cache folder that functions are not compiled."""
     if _place() not in _said:
         log.warning("term functions are not compiled, solves are slower: %s", error)
     _said.add(_place())

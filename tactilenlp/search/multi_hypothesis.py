@@ -136,15 +136,18 @@ class TrackedSearch:
         return self.out_of(self._continued[0])
 
     def _keep(self, hypotheses) -> list[Hypothesis]:
+        """Return hypotheses in the other frame, and have them kept."""
         moved = [self.out_of(h) for h in hypotheses]
         self.keep(moved)
         return moved
 
     def _lying(self, tracks) -> list[Hypothesis]:
+        """Return the optima of least motion from tracks, in order."""
         return least_motion(self.job, tracks, self.executor, self.lying)
 
     @cached_property
     def _continued(self) -> list[Hypothesis]:
+        """Tracks that continue `kept`, smoothed, the best first."""
         return smoothed_tracks(self.job, self.kept, SMOOTHED, self._keep)
 
     @cached_property
@@ -169,6 +172,7 @@ class TrackedSearch:
         ]
 
     def _varied(self, tracks) -> list[Hypothesis]:
+        """Return tracks that are far from each other."""
         return varied(self.job.shape, tracks, LYING * self.count)
 
     def _tracks(self) -> list[Hypothesis]:

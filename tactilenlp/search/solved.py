@@ -218,9 +218,11 @@ class Solves:
         return best_first(self._to_the_end() or self._provisional_ones())
 
     def _to_the_end(self) -> list[Solved]:
+        """Return the solves of this collection and its parts."""
         return [*self.ended, *(s for p in self._parts for s in p._to_the_end())]
 
     def _provisional_ones(self) -> list[Solved]:
+        """Return the provisional solves of this collection and its parts."""
         own = self._provisional.best_first() if self._provisional else []
         return [*own, *(s for p in self._parts for s in p._provisional_ones())]
 

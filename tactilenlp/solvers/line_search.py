@@ -36,13 +36,16 @@ class Point:
 
     @cached_property
     def residual(self) -> np.ndarray:
+        """The residuals g - s of the constraints."""
         return self.g - self.w[len(self.gradient) :]
 
     @cached_property
     def violation(self) -> float:
+        """The sum of absolute residuals."""
         return np.abs(self.residual).sum()
 
     def barrier(self, mu: float) -> float:
+        """Return the barrier function: f less mu times the logarithms of distances."""
         return self.f - mu * (np.log(self.below).sum() + np.log(self.above).sum())
 
 

@@ -78,10 +78,12 @@ class Run:
         self.iterations, self.evaluations = run.iterations, run.evaluations + 1
 
     def evaluated(self, w: np.ndarray) -> Point:
+        """Return the Point at w = (x, s); counts an evaluation."""
         self.evaluations += 1
         return self._point(w, self.assembly.evaluated(w[: self.n], self.data))
 
     def _point(self, w, values) -> Point:
+        """Return the Point of values that were evaluated at w."""
         distances = w[self.lo] - self.lower, self.upper - w[self.hi]  # not rounded to 0
         return Point(w, *values, *map(np.maximum, distances, self.least))
 

@@ -68,10 +68,12 @@ class _Compiled:
         self._alive = patterns, lower, pivots, work  # while their addresses are used
 
     def factorise(self, values) -> bool:
+        """Factorise the matrix with nonzeros (nnz,); False unless it is positive."""
         self._values[:] = values
         return self._factorise(*self._matrix) == 0
 
     def solve(self, right) -> np.ndarray:
+        """Return the solution of right-hand sides (n,) or (n, k)."""
         x = np.array(right, order="C")
         self._substitute(*self._factors, ctypes.c_long(x[:1].size), _address(x))
         return x
@@ -89,11 +91,13 @@ class _Casadi:
         self._matrix = ca.DM(whole)
 
     def factorise(self, values) -> bool:
+        """Factorise the matrix with nonzeros (nnz,); False unless it is positive."""
         self._matrix = ca.DM(self._whole, values[self._from])
         self._linear.nfact(self._matrix)
         return bool(np.isfinite(values).all()) and not self._linear.neig(self._matrix)
 
     def solve(self, right) -> np.ndarray:
+        """Return the solution of right-hand sides (n,) or (n, k)."""
         found = self._linear.solve(self._matrix, ca.DM(right))
         return np.asarray(found).reshape(right.shape)
 
