@@ -148,6 +148,23 @@ def test_an_edited_process_noise_is_not_that_of_an_earlier_compilation(
     assert (np.diag(edited)[3:] > np.diag(usual)[3:]).all()
 
 
+def test_an_edited_cost_of_outliers_is_not_that_of_an_earlier_compilation(monkeypatch):
+    touch = at_side(0.035), np.array([RADIUS]), np.array([1.0, 0.0, 0.0])
+    across, sigma = np.eye(3)[1:].ravel(), np.array([1e-4, 0.05])
+    state = [a[:, None] for a in (BOX, np.zeros(6), upper(np.zeros((6, 6))))]
+
+    def evidence():
+        return corrections(CUBOID)[0](*state, *touch, across, sigma)[2].item()
+
+    usual = evidence()  # 5 mm off
+    monkeypatch.setattr(filter_steps, "OUTLIER", OUTLIER + 3.0)
+    corrections.cache_clear()
+    try:
+        assert evidence() == pytest.approx(usual - 3.0)
+    finally:
+        corrections.cache_clear()
+
+
 def test_a_touch_corrects_as_a_kalman_filter_does():
     """Three measurements, one after the other, are as good as all at once."""
     rng = np.random.default_rng(2)

@@ -86,7 +86,7 @@ def corrections(shape) -> tuple[MappedFunction, MappedFunction]:
         overlap = of_columns("overlap", (*state, *finger, sigma), (*found, gap))
         return [touch, overlap]
 
-    surface = ca.Function("surface", [z, *finger], [gap, level])
+    surface = ca.Function("surface", [z, *finger], [gap, level, OUTLIER])
     return tuple(mapped(("touch", "overlap"), surface, derive))
 
 
