@@ -80,15 +80,15 @@ class Shape:
     first; without it, `information.sigma("sizes")` is that of theta.
 
     What differs between classes of shapes:
-    parameters: what theta lists, "sizes" along the body's own axes or "vertices".
+    tracked: whether a search tracks sizes and planar poses, and predicts how pushes
+    move it; False, of vertices alone: it starts from supporting planes of its touches,
+    and one hypothesis is carried to the next action.
     last_pose_held: whether the body's axes are the world's at the last sample, whose
     pose is not estimated (vertices leave no other frame).
     window_depends_on_start: whether a page's contacts follow from where theta starts,
-    so that each start needs a window of its own.
+    as each reads the vertices near it: each start needs a window of its own.
     counts: numbers of vertices, of which the evidence chooses one; empty: as many as
     theta lists.
-    hypotheses: how many hypotheses are carried to the next action; None: as many as the
-    options say.
     own_pages: the formulations that have a page of this class alone, which is
     formulations.<name>_<formulation>; empty where the general pages apply.
     symbol: makes the symbols of expressions: MX where the distance is a function call.
@@ -114,11 +114,10 @@ class Shape:
     quantities: tuple = (("sizes", every_size),)
     reach: Callable = half_diagonal
     mirrored: bool = True
-    parameters: str = "sizes"
+    tracked: bool = True
     last_pose_held: bool = False
     window_depends_on_start: bool = False
     counts: tuple[int, ...] = ()
-    hypotheses: int | None = None
     own_pages: tuple[str, ...] = ()
     symbol: Callable = ca.SX.sym
     foot_squared: Callable | None = None

@@ -18,11 +18,13 @@ OPTIONAL = {  # may be None
     "foot_squared": "theta, R_wo", "pushed": "shape, theta", "rounded": "theta, r",
     "mesh": "theta", "support": "theta, n", "inertia": "theta",
 }  # fmt: skip
-LOGICAL = "mirrored", "last_pose_held", "window_depends_on_start", "round"
+LOGICAL = (
+    *("mirrored", "tracked", "last_pose_held"),
+    *("window_depends_on_start", "round"),
+)
 PAIRS = "bounds", "size_prior"
 WORDS = "words", "units", "own_pages"
 LISTS = "symmetries", "quantities"
-LISTING = "sizes", "vertices"  # what theta may list
 SHOWN = 60  # characters of a value
 
 
@@ -34,8 +36,6 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
         return [("theta", _short(n), expected, "give how many sizes it has")]
     rules = {
         "name": (isinstance(shape.name, str), "a str"),
-        "parameters": (_one_of(shape.parameters, LISTING), f"one of {LISTING}"),
-        "hypotheses": (_count(shape.hypotheses), "None, or a whole number from 1"),
         "corners": (_points(shape.corners), "points of three numbers, at least one"),
         **{k: (_pair(getattr(shape, k), n), _pair_of(n)) for k in PAIRS},
         **{k: (_word_list(getattr(shape, k)), "a tuple of str") for k in WORDS},
@@ -104,14 +104,6 @@ def _listed(value) -> bool:
 
 def _word_list(value) -> bool:
     return _listed(value) and all(isinstance(word, str) for word in value)
-
-
-def _one_of(value, known) -> bool:
-    return isinstance(value, str) and value in known
-
-
-def _count(value) -> bool:
-    return value is None or (_whole(value) and value >= 1)
 
 
 def _points(value) -> bool:

@@ -23,7 +23,7 @@ from tactilenlp import (
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.interface.options import Options
-from tactilenlp.interface.readout import information_in_time, read_polytope
+from tactilenlp.interface.readout import information_in_time, read_hull
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
 from tactilenlp.problem.reductions import Reductions
@@ -102,7 +102,7 @@ def test_a_hull_on_three_legs_is_read_with_these(slid):
     found = replace(found, theta=vertices.ravel())
     solved = solved_from(job, found, levels=page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
-    body = read_polytope(job, solved)
+    body = read_hull(job, solved)
     information = information_in_time(job, solved, body.faces)
     assert np.isfinite(body.vertices).all()
     assert np.isfinite(information.spread).all()

@@ -54,7 +54,7 @@ def searched(
     if reduced.scene.ground is None:
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
-    if reduced.shape.parameters == "sizes":
+    if reduced.shape.tracked:
         hypotheses = tracked_search(request, reduced, incumbents).starts()
     else:
         hypotheses = _search_vertices(reduced, plane, incumbents)

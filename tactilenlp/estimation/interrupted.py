@@ -87,7 +87,7 @@ def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
         request = replace(request, data=data, job=job)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
-    kept = [solved.at] if job.shape.hypotheses == 1 else incumbents.kept
+    kept = incumbents.kept if job.shape.tracked else [solved.at]
     seconds = {**solved.solution.seconds, "total": incumbents.spent}
     estimate = read_off(request, solved, kept, seconds, NEVER)
     words = f"interrupted, {data.actions} of {whole} actions"

@@ -72,8 +72,8 @@ class Optima:
     def carried_on(self, width: int) -> list[Hypothesis]:
         """Return the hypotheses for the next action: the distinct optima."""
         job, solved = self.solved[0].job, self.solved
-        if job.shape.hypotheses is not None:
-            return [s.at for s in solved[: job.shape.hypotheses]]
+        if not job.shape.tracked:
+            return [solved[0].at]
         if not job.reductions.planar:
             return self.kept[:width]
         return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
@@ -135,10 +135,8 @@ def _updated_by_few(request, incumbents) -> tuple:
     all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    sized = (
-        job.shape.parameters == "sizes" and job.hypothesis is None and incumbents.kept
-    )
-    asked = sized and job.reductions.planar and job.contract.rough
+    asked = job.shape.tracked and job.hypothesis is None and incumbents.kept
+    asked = asked and job.reductions.planar and job.contract.rough
     asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
@@ -170,7 +168,7 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
     begins with.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
-    doubtful = request.job.shape.parameters == "sizes"
+    doubtful = request.job.shape.tracked
     if not (doubtful or update or len(parts) > 1):
         return None  # it would be the same search
     log.info("the trajectory is doubtful: searching action by action")

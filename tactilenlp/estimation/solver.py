@@ -94,7 +94,7 @@ class ClassSolver:
         starts from it.  None if they leave touches that cost more than `most` [nats].
         """
         scene = (self.scene or Scene()).on_ground_of(poses.scene)
-        if shape.parameters == "vertices":
+        if not shape.tracked:
             return self._of_request(*self._read(scene, shape, options, poses))
         request, hypotheses = self._read(scene, shape, options, None)
         job = request.job.as_late_as(poses.sensors)

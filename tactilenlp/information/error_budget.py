@@ -161,7 +161,7 @@ class Linearisation:
     def end(self) -> np.ndarray:
         """The body's middle (3,) [m] at the last sample, ground frame."""
         theta, x = self.values["theta"], self.values["x"][:, -1:]
-        if self.job.shape.parameters == "vertices":
+        if self.job.shape.last_pose_held:
             return theta.mean(axis=1)
         return pose_jacobians(self.job.shape, self.window.motion, theta[:, 0], x)[0][0]
 

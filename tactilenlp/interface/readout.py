@@ -54,8 +54,7 @@ def read_off(
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
-    read = {"sizes": read_sized, "vertices": read_polytope}[job.shape.parameters]
-    body = read(job, solved)
+    body = (read_hull if job.shape.last_pose_held else read_sized)(job, solved)
     information = information_in_time(job, solved, body.faces, modes)
     status = deadline.marked(solution.status)
     fit = fit_of_page(solved, job, request.data)
@@ -152,7 +151,7 @@ def read_sized(job, solved) -> BodyReadout:
     return BodyReadout(*where, body_surface(shape, theta), solved.touched)
 
 
-def read_polytope(job, solved) -> BodyReadout:
+def read_hull(job, solved) -> BodyReadout:
     """Return the body of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
@@ -182,7 +181,7 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
     faces: how many samples touched each; modes: other local optima of the same page.
     """
     shape, solution = job.shape, solved.solution
-    of_hull = shape.parameters == "vertices"
+    of_hull = shape.last_pose_held
     if of_hull:  # as solved
         shape = with_supports(shape, solved.hypothesis.theta.reshape(-1, 3))
     try:
@@ -262,7 +261,7 @@ def prior_information(job, solved) -> Information:
     """
     R_wg = frame_of(job.scene.ground).rotation.T
     problem, solution, shape = solved.problem, solved.solution, job.shape
-    of_hull = shape.parameters == "vertices"
+    of_hull = shape.last_pose_held
     if of_hull:
         tangent = tangent_space_of_hull(problem, solution, R_wg)
     else:

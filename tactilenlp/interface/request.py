@@ -102,7 +102,7 @@ def read_request(
     if isinstance(start, Estimate) and scene.latency is None:
         job = job.as_late_as(start.sensors)
     carried = [] if start is None else carried_hypotheses(start, shape, scene, data)
-    if shape.parameters == "sizes" and isinstance(start, Estimate):
+    if shape.tracked and isinstance(start, Estimate):
         # What another page found is no posterior of this one.
         carried = carried if start.formulation == name_of(page) else []
     return Request(data, job, start, executor, kept_axes(start, job)), carried
@@ -119,7 +119,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
     page = page_of(formulation, shape)
     check_page(page, shape, scene)
     check_executor(executor, shape)
-    if shape.parameters == "vertices":
+    if not shape.tracked:
         check_round(scene)
     return scene, shape, options, page
 
@@ -262,7 +262,7 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     polytope may start from an estimate of any shape, with its vertices and poses.
     """
     if isinstance(start, Guess):
-        if shape.parameters == "vertices":
+        if not shape.tracked:
             raise StartError(
                 "a polytope starts without a guess", where="start", got="a Guess",
                 expected="an Estimate, or None",
@@ -282,7 +282,7 @@ def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
     last = np.flatnonzero(data.action == data.action[done - 1])
     if last[-1] >= done:  # it ends within this action
         done = int(last[0])
-    if shape.parameters == "vertices":
+    if not shape.tracked:
         return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(

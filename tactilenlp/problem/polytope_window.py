@@ -253,13 +253,14 @@ def window_of(job, guess=None, resting=None):
     shape has the corners that stand, and resting is the theta as which it carries its
     weight where it rests, by default that of the guess.
     """
-    shape, hull = job.shape, job.shape.parameters == "vertices" and guess is not None
-    if hull:
+    shape = job.shape
+    near_start = shape.window_depends_on_start and guess is not None
+    if near_start:
         vertices = np.reshape(guess[0], (-1, 3))
         shape = with_supports(shape, vertices)
     known = job.scene, shape, job.precision, job.reductions
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
-    if not hull:
+    if not near_start:
         return window, shape
     x = guess[1]
     if job.reductions.far:

@@ -82,7 +82,7 @@ def certified(solved) -> Solved:
             break
         log.info("restoring reductions that do not hold: %s", ", ".join(back))
         more = {*certificates.cuts, *job.cuts}
-        if certificates.cuts and (not job.cuts or job.shape.parameters == "vertices"):
+        if certificates.cuts and (not job.cuts or job.shape.window_depends_on_start):
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = job.with_reductions(**dict.fromkeys(back, False))

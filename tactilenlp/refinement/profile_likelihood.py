@@ -117,7 +117,7 @@ def touched_ends(shape, solved) -> np.ndarray | None:
     None where theta is no sizes, or another face of a box is up.  What bounds the sizes
     of other classes is not known: no samples.
     """
-    if shape.parameters != "sizes":
+    if shape.last_pose_held:
         return None
     if not shape.is_box:
         return np.zeros((shape.theta, 2), int)

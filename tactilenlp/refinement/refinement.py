@@ -39,16 +39,16 @@ def refined(job, kept, solves, start=None, earlier=()) -> list[Solved]:
     solves: Solves, where they are added; start: an estimate of this page that this one
     continues; earlier: solves from some of the hypotheses.
     """
-    sized = job.shape.parameters == "sizes"
+    tracked = job.shape.tracked
     required = required_reductions(job.page, Reductions())
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
         flat = replace(job, reductions=required)
         slid = repaired(refined(flat, kept, solves.provisional(), start))
-        if not sized or planar_certificate(flat, slid[0]).holds:
-            return _in_free_motion(job, slid[: job.shape.hypotheses], solves)
-    start = start if sized else None
+        if not tracked or planar_certificate(flat, slid[0]).holds:
+            return _in_free_motion(job, slid if tracked else slid[:1], solves)
+    start = start if tracked else None
     return _solved_promising(job, kept, solves, start, earlier)
 
 
@@ -106,7 +106,7 @@ def update_costs_too_much(request, best: Solved) -> bool:
     The posterior that it started from no longer contained the right trajectory.
     """
     start, job = request.start, request.job
-    if job.shape.parameters != "sizes" or not continues(start, job):
+    if not (job.shape.tracked and continues(start, job)):
         return False
     most = update_limit(start, job.data.actions - start.measurements.actions)
     return job.deadline.left > 0 and best.solution.objective > most
@@ -122,7 +122,7 @@ def fits_badly(request, best: Solved) -> bool:
     nobody carries it.  Of a class with sizes that is no box, the class may be wrong.
     """
     job = best.job
-    sought = job.shape.is_box or job.shape.parameters == "vertices"
+    sought = job.shape.is_box or not job.shape.tracked
     sought = sought or isinstance(request.start, Estimate)
     sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):
@@ -165,7 +165,7 @@ def growing(request) -> list:
     came about so.
     """
     job, data = request.job, request.job.data
-    if isinstance(request.start, Estimate) and job.shape.parameters == "vertices":
+    if isinstance(request.start, Estimate) and not job.shape.tracked:
         return [job]
     actions = np.unique(data.action)
     touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]

@@ -152,9 +152,9 @@ def _rebuilt_for(job, solved, groups) -> Solved:
 def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
     """Return a hypothesis whose vertices inside the hull are moved onto its surface.
 
-    No contact sees a vertex inside.  A shape with other parameters has none.
+    No contact sees a vertex inside.  Other shapes have none.
     """
-    if shape.parameters != "vertices":
+    if not shape.window_depends_on_start:
         return h
     vertices = h.theta.reshape(-1, 3)
     onto = filled(hull_vertices(vertices), len(vertices))

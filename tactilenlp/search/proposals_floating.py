@@ -30,7 +30,7 @@ def search_plane(job, guess=None) -> Ground:
 
     It is along them and their normals; with a user's guess (a Guess) it is level.
     """
-    on_plane = job.shape.parameters == "sizes"  # hulls may reach below it
+    on_plane = job.shape.tracked  # hulls may reach below it
     data, size = job.data, job.shape.typical_size if on_plane else 0.0
     felt = data.contact
     first = data.action[felt.any(axis=1)][0]
@@ -52,7 +52,7 @@ def search_plane(job, guess=None) -> Ground:
 def in_search_plane(job, ground: Ground):
     """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
-    if job.shape.parameters != "sizes":
+    if not job.shape.tracked:
         return replace(job, data=data, functions=TermFunctions())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
     return replace(job, data=data, scene=scene, functions=TermFunctions())

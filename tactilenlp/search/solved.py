@@ -36,7 +36,6 @@ ACCEPTABLE = {  # IPOPT's early stop: kinks of the surface make its steps tiny
     "acceptable_compl_inf_tol": 1e-2,
     "acceptable_constr_viol_tol": 1e-4,
 }
-IPOPT_OPTIONS = {"sizes": {}, "vertices": ACCEPTABLE}  # by what theta lists
 
 
 @dataclass(eq=False)
@@ -240,7 +239,8 @@ def comparable(best: Solved, solved) -> list[Solved]:
 def settings_of(job) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
     left = min(LEVEL_TIME, max(0.1, job.deadline.left))
-    ipopt = {**IPOPT_OPTIONS[job.shape.parameters], **job.options.ipopt}
+    kinked = ACCEPTABLE if job.shape.window_depends_on_start else {}
+    ipopt = {**kinked, **job.options.ipopt}
     tolerance = job.options.tolerance
     return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)
 
