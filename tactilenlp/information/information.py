@@ -38,7 +38,7 @@ from .mixture import (
     one_mode,
     optima_in_words,
 )
-from .tangent_space import inverse, open_directions, tangent_space_of
+from .tangent_space import inverse, open_directions
 from .trajectory import (
     deviations_of_path,
     fields_of_offsets,
@@ -229,15 +229,15 @@ class Information:
 
 
 def information_of(
-    at: Linearisation, solution, faces, others=(), profile=None
+    at: Linearisation, solution, tangent, faces, others=(), profile=None
 ) -> Information:
     """Return the information about theta and the last pose of a solved problem.
 
-    faces: (axes, 2) number of samples that touched each face; others: LocalOptima of
-    the same data; profile (k, k), of the unknowns: see profile_likelihood.py.
+    tangent: its TangentSpace; faces: (axes, 2) number of samples that touched each
+    face; others: LocalOptima of the same data; profile (k, k), of the unknowns: see
+    profile_likelihood.py.
     """
     window, shape = at.window, at.job.shape
-    tangent = tangent_space_of(at.kkt.problem, solution, window, shape, at.R_wg)
     turned, ground = turned_with_ground(at, tangent)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
     C = response.hessian

@@ -27,12 +27,11 @@ FACE_TILT = 0.05  # [rad] as exact as touched faces come out
 MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 
 
-def polytope_information(at: Linearisation, solution, faces) -> Information:
+def polytope_information(at: Linearisation, solution, tangent, faces) -> Information:
     """Return the information about the vertices at the last sample, world frame.
 
-    faces: touches of each polygon of the hull.
+    tangent: its TangentSpace; faces: touches of each polygon of the hull.
     """
-    tangent = tangent_space_of_hull(at.kkt.problem, solution, at.R_wg)
     V, turned = solution.values["theta"].T, 0.0
     if at.tilt is not None:
         turned = at.tilt.turned(V)[:, :3].reshape(-1, 2)

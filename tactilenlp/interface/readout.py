@@ -24,12 +24,8 @@ from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.mixture import one_mode
-from ..information.polytope_information import (
-    polytope_information,
-    tangent_space_of_hull,
-    touched_polygons,
-)
-from ..information.tangent_space import tangent_space_of, widest_deviations
+from ..information.polytope_information import polytope_information, touched_polygons
+from ..information.tangent_space import widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
 from ..nlp.kkt import kkt_system_of
 from ..problem.pages import name_of
@@ -189,9 +185,10 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
         job.deadline.check()
         at = Linearisation(kkt, replace(job, shape=shape), solved.window)
         if of_hull:
-            return polytope_information(at, solution, faces)
+            return polytope_information(at, solution, solved.tangent, faces)
         optima = [mode.optimum for mode in modes]
-        return information_of(at, solution, faces, optima, solved.profile)
+        known = solved.tangent, faces, optima, solved.profile
+        return information_of(at, solution, *known)
     except OutOfTime:
         job.deadline.omit("standard deviations")
         return prior_information(job, solved)
@@ -260,20 +257,15 @@ def prior_information(job, solved) -> Information:
     Where the time limit came before it was computed: nothing is claimed that was not.
     """
     R_wg = frame_of(job.scene.ground).rotation.T
-    problem, solution, shape = solved.problem, solved.solution, job.shape
-    of_hull = shape.last_pose_held
-    if of_hull:
-        tangent = tangent_space_of_hull(problem, solution, R_wg)
-    else:
-        tangent = tangent_space_of(problem, solution, solved.window, shape, R_wg)
+    solution, shape, tangent = solved.solution, job.shape, solved.tangent
     k = len(tangent.names)
     spread = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
-    if of_hull:  # all of them may be elsewhere together
+    if shape.last_pose_held:  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (k // 3, 1))
         spread += REACHED**2 * along @ along.T
     matrix = np.linalg.inv(spread)
     offsets = {}
-    if OFFSET in problem.variables:
+    if OFFSET in solved.problem.variables:
         prior = prior_of_offsets(job.scene, solution.values[OFFSET].shape[1])
         both = block_diag(matrix, prior)
         turn = np.kron(np.eye(len(prior) // 3), R_wg)

@@ -13,7 +13,7 @@ from ..data.ground import frame_of
 from ..geometry.faces import touched_faces
 from ..information.information import FACE_COSINE
 from ..information.mixture import LocalOptimum, optimum_of
-from ..information.polytope_information import occam_of_hull
+from ..information.polytope_information import occam_of_hull, tangent_space_of_hull
 from ..information.tangent_space import TangentSpace, tangent_space_of
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
@@ -166,10 +166,12 @@ class Solved:
 
     @cached_property
     def tangent(self) -> TangentSpace:
-        """The coordinates of a shape with sizes and its final pose, world frame."""
+        """The coordinates of the shape and, unless it is held, of its final pose."""
         R_wg = frame_of(self.job.scene.ground).rotation.T
-        arguments = self.problem, self.solution, self.window, self.job.shape
-        return tangent_space_of(*arguments, R_wg)
+        problem, solution, shape = self.problem, self.solution, self.job.shape
+        if shape.last_pose_held:
+            return tangent_space_of_hull(problem, solution, R_wg)
+        return tangent_space_of(problem, solution, self.window, shape, R_wg)
 
     @cached_property
     def optimum(self) -> LocalOptimum:
