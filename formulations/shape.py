@@ -80,6 +80,9 @@ class Shape:
     first; without it, `information.sigma("sizes")` is that of theta.
 
     What differs between classes of shapes:
+    opposite_faces: whether theta (3,) are the distances of opposite faces, across x, y
+    and z, on any of which the body may lie, as a box.  It then starts from the face,
+    edge or top that the first touch met, and touches tell of each size by its faces.
     tracked: whether a search tracks sizes and planar poses, and predicts how pushes
     move it; False, of vertices alone: it starts from supporting planes of its touches,
     and one hypothesis is carried to the next action.
@@ -114,6 +117,7 @@ class Shape:
     quantities: tuple = (("sizes", every_size),)
     reach: Callable = half_diagonal
     mirrored: bool = True
+    opposite_faces: bool = False
     tracked: bool = True
     last_pose_held: bool = False
     window_depends_on_start: bool = False
@@ -132,11 +136,6 @@ class Shape:
         # Functions are kept by shape, of which lists and arrays have no hash.
         for name, value in vars(self).items():
             object.__setattr__(self, name, in_tuples(value))
-
-    @property
-    def is_box(self) -> bool:
-        """Whether theta are the sides of a cuboid, along x, y, z."""
-        return self.distance is cuboid_distance
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -236,6 +235,12 @@ def cuboid_corner(theta, signs):
     return signs * theta / 2
 
 
+def cuboid_mesh(theta):
+    """Return the corners, those on which it rests first: 8 points [m]."""
+    x, y, z = (float(side) / 2 for side in ca.vertsplit(ca.DM(theta)))
+    return [(i * x, j * y, k * z) for k, j, i in product((-1, 1), repeat=3)]
+
+
 def cuboid_rest_height(theta):
     """Return the height of the centre over the ground, lying on the -z face [m]."""
     return theta[2] / 2
@@ -280,5 +285,7 @@ CUBOID = Shape(
     symmetries=axis_relabellings(),
     words=("side x", "side y", "side z"),
     quantities=(("side_lengths", every_size),),
+    opposite_faces=True,
     rounded=faces_inward,
+    mesh=cuboid_mesh,
 )

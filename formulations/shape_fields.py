@@ -36,6 +36,7 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
         return [("theta", _short(n), expected, "give how many sizes it has")]
     rules = {
         "name": (isinstance(shape.name, str), "a str"),
+        "opposite_faces": (_faced(shape), "False, or True with three sizes"),
         "corners": (_points(shape.corners), "points of three numbers, at least one"),
         **{k: (_pair(getattr(shape, k), n), _pair_of(n)) for k in PAIRS},
         **{k: (_word_list(getattr(shape, k)), "a tuple of str") for k in WORDS},
@@ -87,6 +88,11 @@ def _pair_of(n: int) -> str:
 
 def _whole(value) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _faced(shape) -> bool:
+    faced = shape.opposite_faces
+    return isinstance(faced, bool) and (shape.theta == 3 or not faced)
 
 
 def _number(value) -> bool:

@@ -72,7 +72,8 @@ def about_z(yaw):
 
 def test_only_boxes_have_axes_to_name():
     h = Hypothesis(np.array([0.03, 0.05]), np.zeros((3, 2)), 0.0, ())
-    for given in ((CYLINDER, h), (SimpleNamespace(is_box=False), h, (h.theta, None))):
+    other = SimpleNamespace(opposite_faces=False)
+    for given in ((CYLINDER, h), (other, h, (h.theta, None))):
         order, S = naming(*given)
         assert order == [0, 1]
         assert (np.eye(3) == S).all()

@@ -270,7 +270,8 @@ def test_a_better_optimum_is_returned():
 
 def test_a_body_without_sides_has_no_profile():
     job = SimpleNamespace(
-        shape=replace(CUBOID, symmetries=()), reductions=SimpleNamespace(planar=True)
+        shape=replace(CUBOID, last_pose_held=True),
+        reductions=SimpleNamespace(planar=True),
     )
     found, better = profiled(SimpleNamespace(at=AT, job=job))
     assert better is None

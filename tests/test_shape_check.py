@@ -105,6 +105,7 @@ def test_what_disagrees_is_named_with_the_remedy(what):
         ("corners", np.ma.masked_array(np.zeros((2, 3)))), ("size_prior", (0.05, 1j)),
         ("theta", 10**9), ("bounds", (0.0, np.nan)), ("distance", "far"),
         ("tracked", memoryview(b"sizes")), ("name", None), ("mirrored", 1),
+        ("opposite_faces", True),
     ],
 )  # fmt: skip
 def test_a_plain_field_of_another_kind_is_named_before_casadi_sees_it(field, value):

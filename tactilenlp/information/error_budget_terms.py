@@ -220,12 +220,11 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
 
     What physics tells of them is not Gaussian: one optimum among others, and too small
     rather than too large where finger paths are noisy.  The ground touches one at the
-    first and at the last sample.  A body whose unknowns are no lengths of sides has no
-    such term.
+    first and at the last sample.  A body without opposite faces has no such term.
     """
     n, k = shape.theta, len(tangent.z)
     total = np.zeros((k, k))
-    if not (shape.is_box and shape.symmetries):
+    if not shape.opposite_faces:
         return total
     known = np.asarray(faces) >= KNOWN_FACE
     for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():

@@ -105,7 +105,8 @@ def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
     if sigma[least] < KNOWN_POSITION:
         widest = shape.typical_deviation
         profiles.append(Profile(solved, least, widest, None, seeks))
-    if shape.is_box and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
+    unturned = shape.opposite_faces and faces[:2].max() < KNOWN_FACE
+    if unturned and is_planar(at.x):
         yaw = shape.theta + 2
         profiles.append(Profile(solved, yaw, ANY_YAW, None, False, np.zeros_like))
     return profiles
@@ -114,14 +115,14 @@ def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
 def touched_ends(shape, solved) -> np.ndarray | None:
     """Return how many samples touched the faces (sizes, 2) that each size is between.
 
-    None where theta is no sizes, or another face of a box is up.  What bounds the sizes
-    of other classes is not known: no samples.
+    None where the last pose is held, or another face is up.  What bounds the sizes of
+    classes without opposite faces is not known: no samples.
     """
     if shape.last_pose_held:
         return None
-    if not shape.is_box:
+    if not shape.opposite_faces:
         return np.zeros((shape.theta, 2), int)
-    if not shape.symmetries or rotation_at(solved.at, -1)[2, 2] < VERTICAL:
+    if rotation_at(solved.at, -1)[2, 2] < VERTICAL:
         return None
     faces = solved.touched
     faces[2, 0] += KNOWN_FACE * (solved.job.scene.ground is not None)

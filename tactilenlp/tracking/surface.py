@@ -14,7 +14,6 @@ from formulations.shape_check import directions
 
 from ..errors import TactileError
 from ..geometry.transforms import is_planar, matrices, planar_matrix
-from ..problem.poses import body_corners
 
 MESH_RAYS = 642  # of a sphere of 25 mm, facets are then within 0.15 mm
 OUTLINE_RAYS = 200  # that are enough to compare bodies
@@ -32,13 +31,10 @@ EVERYWHERE = np.vstack([
 def body_surface(shape, theta, count: int = MESH_RAYS) -> np.ndarray:
     """Return points (V, 3) [m], body frame, whose convex hull is the body.
 
-    A cuboid has its corners, a shape with a `mesh` its points.  Of any other, the
-    distance is zero at the points, one on each of `count` directions from the origin;
-    the edges between them are cut.  TactileError where a ray does not cross the surface
-    within `reach`.
+    A shape with a `mesh` has its points.  Of any other, the distance is zero at the
+    points, one on each of `count` directions from the origin; the edges between them
+    are cut.  TactileError where a ray does not cross the surface within `reach`.
     """
-    if shape.is_box:
-        return body_corners(shape, theta)
     if shape.mesh is not None:
         return np.array(shape.mesh(theta), float)
     reach, rays = float(shape.reach(theta)), np.asarray(directions(count))
