@@ -151,6 +151,12 @@ class Shape:
         return self.support is not None
 
     @property
+    def relabellings(self) -> tuple:
+        """Its symmetries with the identity, which it may leave out."""
+        same = (tuple(range(self.theta)), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+        return self.symmetries if same in self.symmetries else (same, *self.symmetries)
+
+    @property
     def typical_size(self) -> float:
         """The mean of its lengths before any touch [m]."""
         return self._mean_of_lengths(self.size_prior[0])

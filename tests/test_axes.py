@@ -79,6 +79,15 @@ def test_only_boxes_have_axes_to_name():
         assert (np.eye(3) == S).all()
 
 
+def test_a_box_whose_symmetries_are_not_told_keeps_its_axes(recorded):
+    plain = replace(CUBOID, symmetries=(), size_prior=((0.05, 0.04, 0.045), 0.02))
+    order, S = naming(plain, planar((0.03, 0.05, 0.04), 2.0))
+    assert order == [0, 1, 2]
+    assert (np.eye(3) == S).all()
+    data, scene, _ = recorded
+    assert solve_estimate(data.select([0]), scene, shape=plain).success
+
+
 def test_the_shipped_box_is_named_by_the_convention(estimate):
     x, y, _ = estimate.side_lengths
     assert x > y

@@ -279,8 +279,7 @@ def aligned(shape, turning: int, mode: LocalOptimum, reference: LocalOptimum):
 
 def relabelling(shape, R, R_0) -> tuple:
     """Return the order of theta and the axes (3, 3) by which R is nearest to R_0."""
-    same = ((tuple(range(shape.theta)), np.eye(3)),)
-    ways = [(order, np.array(S, float)) for order, S in shape.symmetries or same]
+    ways = [(order, np.array(S, float)) for order, S in shape.relabellings]
     turned = R @ np.array([S for _, S in ways])
     far = np.linalg.norm(turn_between(shape, turned, R_0[None]), axis=1)
     return ways[int(np.argmin(np.round(far, 9)))]

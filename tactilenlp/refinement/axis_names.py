@@ -51,7 +51,7 @@ def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
 
 def namings(shape, h: Hypothesis) -> list[tuple[list[int], np.ndarray]]:
     """Return all orders of sizes and axes (3, 3) under which a body is the same."""
-    ways = [(list(order), np.array(S, float)) for order, S in shape.symmetries]
+    ways = [(list(order), np.array(S, float)) for order, S in shape.relabellings]
     return [way for way in ways if not is_planar(h.x) or way[1][2, 2] > 0]
 
 

@@ -166,7 +166,7 @@ def evidence_of(estimate, shape) -> float:
         held = sum(information.part(role) for role in sorted(roles))
         return -cost - occam_of_vertices(covariance, held)
     free = k == shape.theta + 6
-    alike = sum(R[2][2] > 0.5 or free for _, R in shape.symmetries)
+    alike = sum(R[2][2] > 0.5 or free for _, R in shape.relabellings)
     sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
     evidence = log_evidence(cost, covariance, np.diag(1 / sigma**2))
-    return evidence + np.log(max(1, alike))
+    return evidence + np.log(alike)

@@ -211,7 +211,7 @@ def _folded(shape, yaw):
 
     The circular mean is in the middle, so that nearly equal yaws stay together.
     """
-    turns = sum(axes[2][2] > 0.5 for _, axes in shape.symmetries) or 1
+    turns = sum(axes[2][2] > 0.5 for _, axes in shape.relabellings)
     middle = np.angle(np.exp(1j * turns * yaw).mean()) / turns
     return (yaw - middle + np.pi / turns) % (2 * np.pi / turns)
 
