@@ -27,6 +27,7 @@ from tactilenlp.errors import OptionError, StartError
 from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.search.hypothesis import Hypothesis, same
+from tactilenlp.search.proposals_floating import search_plane
 from tactilenlp.tracking.surface import body_surface
 
 SCENE = Scene(mass=0.5, friction_ground=0.3, friction_finger=0.5)
@@ -128,6 +129,12 @@ def test_a_page_of_planar_motion_refuses_a_body_that_rolls(recorded):
     data, scene, _ = recorded
     with pytest.raises(OptionError, match="rolls"):
         problem_of(data, scene, "shooting", shape=ELLIPSOID)
+
+
+def test_a_floating_body_of_two_sizes_is_searched_below_its_guess(recorded):
+    job = types.SimpleNamespace(shape=CYLINDER, data=recorded[0])
+    plane = search_plane(job, Guess((0.05, 0.04), (0.0, 0.0, 0.1)))
+    assert plane.height == pytest.approx(0.08)
 
 
 def test_shipped_classes_are_found_by_the_name_of_their_estimates():

@@ -40,7 +40,7 @@ def search_plane(job, guess=None) -> Ground:
     if guess is not None:
         position = guess.position
         height = position[2] if len(position) == 3 else p[:, 2].mean()
-        return Ground(height=height - guess.side_lengths[2] / 2)
+        return Ground(height=height - float(job.shape.rest_height(guess.side_lengths)))
     apart = (p - p.mean(axis=0)) / PLANE_ARM
     across = (n.T @ n + apart.T @ apart) / len(n)
     across[2, 2] -= VERTICAL_BIAS
