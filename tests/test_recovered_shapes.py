@@ -28,6 +28,8 @@ from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.search.hypothesis import Hypothesis, same
 from tactilenlp.search.proposals_floating import search_plane
+from tactilenlp.tracking.first_touch import from_guess
+from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.surface import body_surface
 
 SCENE = Scene(mass=0.5, friction_ground=0.3, friction_finger=0.5)
@@ -135,6 +137,23 @@ def test_a_floating_body_of_two_sizes_is_searched_below_its_guess(recorded):
     job = types.SimpleNamespace(shape=CYLINDER, data=recorded[0])
     plane = search_plane(job, Guess((0.05, 0.04), (0.0, 0.0, 0.1)))
     assert plane.height == pytest.approx(0.08)
+
+
+def test_a_guess_is_as_uncertain_as_the_units_of_its_class_say():
+    """Three sizes need not be sides: an angle of a prior of 1 rad is not off by mm."""
+    wedge = replace(
+        ELLIPSOID,
+        name="wedge",
+        units=("m", "m", "rad"),
+        size_prior=(0.045, (0.02, 0.02, 1.0)),
+    )
+    guess, rng = (
+        ("guess", np.array([0.05, 0.04, 0.5]), np.zeros(3)),
+        np.random.default_rng(0),
+    )
+    z, P = from_guess(guess, geometry_of(wedge), rng)
+    assert np.sqrt(P[2, 2, 0]) == pytest.approx(50 * np.sqrt(P[0, 0, 0]))
+    assert z[2].std() == pytest.approx(0.3, rel=0.1)
 
 
 def test_shipped_classes_are_found_by_the_name_of_their_estimates():
