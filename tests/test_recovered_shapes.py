@@ -14,11 +14,13 @@ from pushes import line
 
 from formulations import quasi_static
 from tactilenlp import (
+    CUBOID,
     CYLINDER,
     ELLIPSOID,
     Guess,
     Scene,
     World,
+    gradient_normal,
     prism,
     problem_of,
     solve_estimate,
@@ -175,6 +177,31 @@ def test_two_hypotheses_are_one_body_whatever_its_axes_are_called(shape):
     height = np.full(5, float(shape.rest_height(theta)))
     free = Hypothesis(theta, np.vstack([x[:2], height, w]), 0.0, ())
     assert same(shape, one, free)
+
+
+EDGE = 3e-3  # [m] radius of the edges of a box
+
+
+def rounded_distance(theta, q, small):
+    return CUBOID.distance(theta - 2 * EDGE, q, small) - EDGE
+
+
+@pytest.mark.slow
+def test_a_box_with_rounded_edges_is_named_and_told_by_its_faces_as_a_cuboid(recorded):
+    rounded = replace(
+        CUBOID, name="rounded box", distance=rounded_distance, mesh=None,
+        normal=gradient_normal(rounded_distance), rounded=None,
+        corner=lambda theta, s: CUBOID.corner(theta - 2 * EDGE * ca.DM([1, 1, 0]), s),
+    )  # fmt: skip
+    assert rounded.check(1).good, str(rounded.check(1))
+    data, scene, _ = recorded
+    estimate = solve_estimate(data.select([0, 1, 2]), scene, shape=rounded)
+    assert estimate.theta[0] > estimate.theta[1]
+    assert estimate.rotation(0)[0, 0] > 0
+    assert estimate.origin.path[0] in ("track", "middle")
+    told = estimate.information.unobserved
+    assert told
+    assert all("face" in words for words in told)
 
 
 @pytest.mark.slow
