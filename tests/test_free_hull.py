@@ -41,9 +41,9 @@ def slid():
 def posed(data, scene, vertices, x, reduce=("planar",)):
     """Return the problem of the joint page at vertices and poses, and its window."""
     job = make_job(data, scene, SHAPE, Options(reduce=reduce), 0.0, page)
-    window, shape = window_of(job, (vertices.ravel(), x))
+    window = window_of(job, (vertices.ravel(), x))
     problem = Problem()
-    page.build(problem, window, scene, shape)
+    page.build(problem, window, scene, window.shape)
     return problem, window
 
 

@@ -96,7 +96,7 @@ def test_the_papers_information_is_eq_obsinfo_summed_by_hand(programme):
             chance = 1 / (1 + np.exp(alpha * float(felt(here, p_wf, radius)[0])))
             M += alpha**2 * chance * (1 - chance) * np.outer(J[0], J[0])
             M += touched * J[1:].T @ J[1:] / sigma**2
-    found = paper(problem, programme.solution, window, shape)
+    found = paper(problem, programme.solution, window)
     # differences of the smoothed corners are good to a hundredth of a per cent
     assert (
         np.abs((found - M) / np.outer(UNITS, UNITS)).max()

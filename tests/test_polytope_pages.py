@@ -62,7 +62,7 @@ def posed(page, body, tangent=None):
     job = make_job(body.data, body.scene, SHAPE, Options(), 0.0, polytope_quasi_static)
     job = replace(job, precision=SENSORS)
     if page == "planes":
-        window, shape = window_of(job)
+        window = window_of(job)
         plane, n, b = as_measured(window, window.touch, body.x)
         order = body.renamed(len(b))
         faces = Faces(np.argsort(order)[plane], n[order], b[order], body.x)
@@ -70,7 +70,7 @@ def posed(page, body, tangent=None):
     else:
         order = body.renamed(8)
         vertices = body.vertices[order]
-        window, shape = window_of(job, (vertices.ravel(), body.x))
+        window = window_of(job, (vertices.ravel(), body.x))
         values = {"theta": (vertices + body.off[order]).T}
     if page.startswith("extension"):
         first = np.count_nonzero(body.data.action == body.data.action[0])
@@ -80,7 +80,7 @@ def posed(page, body, tangent=None):
     if tangent is not None:
         window = replace(window, push=replace(window.push, tangent=tangent))
     problem = Problem()
-    BUILDS[page](problem, window, body.scene, shape)
+    BUILDS[page](problem, window, body.scene, window.shape)
     if "body" in problem.variables:  # second moments that differ would turn with axes
         values["body"] = hull_moments(values["theta"].T, window.triangles)
     return problem, window, values | {"x": body.x[:, window.last]}

@@ -244,8 +244,8 @@ def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):
     mine = np.isin(touch.sample, samples) & (touch.finger == finger)
     p_wf = touch.p_wf + 2e-3 * mine[:, None] * touch.normal
     moved = replace(window, touch=replace(touch, p_wf=p_wf))
-    before = gaps_of_touches(kkt, window, programme.job.shape, data)
-    after = gaps_of_touches(kkt, moved, programme.job.shape, data)
+    before = gaps_of_touches(kkt, window, data)
+    after = gaps_of_touches(kkt, moved, data)
     assert before.max() < 0.1e-3  # this recording contradicts itself nowhere
     assert after[0] == pytest.approx(2e-3, abs=0.1e-3)
     assert np.allclose(after[1:], before[1:])

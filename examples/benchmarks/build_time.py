@@ -68,9 +68,9 @@ def cases_of(way, h, actions, times) -> dict:
 def built(way, h) -> tuple[Problem, list[float]]:
     """Return the problem of a hypothesis and the CPU seconds of each of PARTS."""
     job, problem, times = way.job(), Problem(), [process_time()]
-    window, shape = window_of(job, (h.theta, h.x))
+    window = window_of(job, (h.theta, h.x))
     times.append(process_time())
-    way.page.build(problem, window, way.scene, shape)
+    way.page.build(problem, window, way.scene, window.shape)
     times.append(process_time())
     _ = problem.functions
     times.append(process_time())

@@ -60,9 +60,8 @@ def main() -> None:
         rows, estimate = rows_of(arguments.file, arguments.actions, executor)
     write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_at(estimate)
-    link, _ = pose_jacobians(
-        kkt_system_of(again.problem, again.solution), again.window, again.job.shape
-    )
+    kkt = kkt_system_of(again.problem, again.solution)
+    link, _ = pose_jacobians(kkt, again.window)
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     back = np.arange(len(link))[::-1]
     axes[0].semilogy(back, [np.linalg.norm(chain, 2) for chain in link])

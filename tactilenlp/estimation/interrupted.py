@@ -54,9 +54,9 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     if job.scene.ground is not None:
         job = replace(job, page=page_of("quasi_static", job.shape))
     best = in_motion_of(job, min(starts, key=lambda h: h.rank))
-    window, shape = window_of(job, (best.theta, best.x))
+    window = window_of(job, (best.theta, best.x))
     problem = Problem(cache=TermFunctionCache(derive=False))
-    job.page.build(problem, window, job.scene, shape)
+    job.page.build(problem, window, job.scene, window.shape)
     built, parameters = BuiltPage(problem, window, best), job.page.LEVELS[-1].parameters
     solution = evaluated(problem, built.values_at(best), parameters)
     solved = Solved(best, built, solution, job)

@@ -71,11 +71,11 @@ def observed_information(
 def _of_kind(kind: str, again) -> tuple:
     """Return the matrix (k, k) of a kind, and its covariance where it comes first."""
     if kind == "paper":
-        M = paper(again.problem, again.solution, again.window, again.job.shape)
+        M = paper(again.problem, again.solution, again.window)
         return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
     kkt = again.kkt
     if kind == "inverse_dynamics":
-        M = inverse_dynamics(kkt, again.solution, again.window, again.job.shape)
+        M = inverse_dynamics(kkt, again.solution, again.window)
         if not np.isfinite(M).all():
             raise TactileError(
                 "the product of inverted Jacobians overflows", where="inverse_dynamics",

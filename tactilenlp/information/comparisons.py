@@ -57,13 +57,13 @@ def gauss_newton(kkt: KKTSystem) -> KKTSystem:
     return replace(kkt, curvature=curvature)
 
 
-def paper(problem, solution, window, shape) -> np.ndarray:
+def paper(problem, solution, window) -> np.ndarray:
     """Return eq:obsinfo (k, k) about theta and the last pose, page's unknowns."""
     x = solution.values["x"]
     turns = [quaternion_jacobian(window.motion, x_k) for x_k in x.T]
     still = np.eye(len(x) - len(turns[-1]))
     by_last = [block_diag(still, np.linalg.pinv(J) @ turns[-1]) for J in turns]
-    return sum_of_samples(problem, solution, window, shape, np.array(by_last))
+    return sum_of_samples(problem, solution, window, np.array(by_last))
 
 
 def quaternion_jacobian(motion, x) -> np.ndarray:
@@ -76,15 +76,15 @@ def quaternion_jacobian(motion, x) -> np.ndarray:
     return np.asarray(J(x[3:]))
 
 
-def inverse_dynamics(kkt: KKTSystem, solution, window, shape) -> np.ndarray:
+def inverse_dynamics(kkt: KKTSystem, solution, window) -> np.ndarray:
     """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
-    by_last, by_theta = pose_jacobians(kkt, window, shape)
-    return sum_of_samples(kkt.problem, solution, window, shape, by_last, by_theta)
+    by_last, by_theta = pose_jacobians(kkt, window)
+    return sum_of_samples(kkt.problem, solution, window, by_last, by_theta)
 
 
-def pose_jacobians(kkt: KKTSystem, window, shape) -> tuple[np.ndarray, np.ndarray]:
+def pose_jacobians(kkt: KKTSystem, window) -> tuple[np.ndarray, np.ndarray]:
     """Return d pose / d last pose (poses, u, u) and d pose / d theta (poses, u, n)."""
-    u, n = window.motion.unknowns, shape.theta
+    u, n = window.motion.unknowns, window.shape.theta
     by_last = np.tile(np.eye(u), (window.poses, 1, 1))
     by_shape = np.zeros((window.poses, u, n))
     row = {int(k): i for i, k in enumerate(window.step.pose)}
@@ -99,14 +99,14 @@ def pose_jacobians(kkt: KKTSystem, window, shape) -> tuple[np.ndarray, np.ndarra
             here = np.where((poses == k)[:, None, None], local[name], 0.0)
             if (poses == k).any():
                 H = H + scattered(kkt, name, here)
-        F, by_theta = _time_step(kkt, window, shape, H, row[k])
+        F, by_theta = _time_step(kkt, window, H, row[k])
         back = np.linalg.inv(F)
         by_last[k - 1] = back @ by_last[k]
         by_shape[k - 1] = back @ (by_shape[k] - by_theta)
     return by_last, by_shape
 
 
-def _time_step(kkt: KKTSystem, window, shape, H, s: int):
+def _time_step(kkt: KKTSystem, window, H, s: int):
     """Return dx_k/dx_{k-1} (u, u) and dx_k/dtheta (u, n) of the step s."""
     problem, step = kkt.problem, window.step
     columns = problem.variables["x"][:, :].indices
@@ -118,7 +118,7 @@ def _time_step(kkt: KKTSystem, window, shape, H, s: int):
     ]
     inside = np.concatenate([now, *impulses])
     before = columns[step.before[s]], columns[step.before_2[s]]
-    theta = problem.variables["theta"][:, :].indices.ravel()[: shape.theta]
+    theta = problem.variables["theta"][:, :].indices.ravel()[: window.shape.theta]
     D = sp.diags(problem.scale)
     H, A = (D @ H @ D).tocsc(), kkt.A
     A = A[np.unique(A[:, inside].nonzero()[0])]
@@ -149,16 +149,16 @@ def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:
     return {name: pose[term.unknowns].max(axis=1) for name, term in terms}
 
 
-def sum_of_samples(problem, solution, window, shape, by_last, by_theta=None):
+def sum_of_samples(problem, solution, window, by_last, by_theta=None):
     """Return the sum of the samples' information (k, k), each by its own pose.
 
     by_last (poses, u, u): derivative of each pose by the last one; by_theta (poses, u,
     n): by the shape at a given last pose.  sigma = inf: a felt gap tells no more than
     its boolean.
     """
-    theta, x, n = solution.values["theta"], solution.values["x"], shape.theta
+    theta, x, n = solution.values["theta"], solution.values["x"], window.shape.theta
     alpha, sigma_n = (_value(problem, name) for name in ("alpha", NORMAL_SCALE))
-    information = sample_information(shape, window.motion, window.finger)
+    information = sample_information(window.shape, window.motion, window.finger)
     k, total = n + len(x), np.zeros((n + len(x), n + len(x)))
     for samples, felt in ((window.touch, 1.0), (window.free, 0.0)):
         if not (count := len(samples)):

@@ -130,7 +130,7 @@ def considered(at) -> dict[str, Doubt]:
     if TOUCH_TERM not in at.kkt.problem.costs:
         return {}
     doubts = {LATE_NORMALS: late_normals(at), LATE_TOUCHES: late_touches(at)}
-    if at.job.shape.rounded is not None:
+    if at.window.shape.rounded is not None:
         doubts[ROUNDED_EDGES] = rounded_edges(at)
     fingers = np.unique(at.window.touch.finger)
     return doubts | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
@@ -138,12 +138,12 @@ def considered(at) -> dict[str, Doubt]:
 
 def rounded_edges(at) -> Doubt:
     """Return the doubt about sharp edges; at: as above."""
-    kkt, window, shape = at.kkt, at.window, at.job.shape
+    kkt, window, shape = at.kkt, at.window, at.window.shape
     problem, touch = kkt.problem, window.touch
     values = problem.unpack(kkt.x)
     less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
     low, high = (
-        at_touches(window, shape, v, touch.p_wf.T, lambda *at: at[2][0])
+        at_touches(window, v, touch.p_wf.T, lambda *at: at[2][0])
         for v in (less, values)
     )  # a body that lies on the ground is as high as it is large: the finger follows
     p_wf = touch.p_wf.copy()

@@ -161,9 +161,10 @@ class Linearisation:
     def end(self) -> np.ndarray:
         """The body's middle (3,) [m] at the last sample, ground frame."""
         theta, x = self.values["theta"], self.values["x"][:, -1:]
-        if self.job.shape.last_pose_held:
+        shape, motion = self.window.shape, self.window.motion
+        if shape.last_pose_held:
             return theta.mean(axis=1)
-        return pose_jacobians(self.job.shape, self.window.motion, theta[:, 0], x)[0][0]
+        return pose_jacobians(shape, motion, theta[:, 0], x)[0][0]
 
     def response(self, chosen, jacobian, turned=0.0) -> Response:
         """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.

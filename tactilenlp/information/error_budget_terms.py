@@ -250,7 +250,7 @@ def beyond_mixture(modes, at, tangent, faces, profile) -> dict[str, np.ndarray]:
     faces, profile: see information_of.
     """
     noise, grounded = at.job.precision.position, len(at.window.corner) > 0
-    beyond = untouched_faces(tangent, at.job.shape, faces, noise, grounded)
+    beyond = untouched_faces(tangent, at.window.shape, faces, noise, grounded)
     errors = {"untouched faces": beyond}
     if profile is not None:
         profile = profile @ tangent.jacobian.T

@@ -237,7 +237,7 @@ def information_of(
     face; others: LocalOptima of the same data; profile (k, k), of the unknowns: see
     profile_likelihood.py.
     """
-    window, shape = at.window, at.job.shape
+    window, shape = at.window, at.window.shape
     turned, ground = turned_with_ground(at, tangent)
     response = at.response(tangent.chosen, tangent.jacobian, turned)
     C = response.hessian

@@ -188,12 +188,12 @@ def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     )
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
-    turn = min(turn, residual_of_normals(kkt, window, job.shape) ** 2)
+    turn = min(turn, residual_of_normals(kkt, window) ** 2)
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
     whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
     whole = np.reshape(whole, (len(whole), k)).T
-    off = gaps_of_touches(kkt, window, job.shape, data).max(initial=0.0)
+    off = gaps_of_touches(kkt, window, data).max(initial=0.0)
     # Two that disagree share it.
     apart = 2 * off**2 if off > CONTRADICTION * touch else 0.0
     along = along.reshape(k, -1)
@@ -210,7 +210,7 @@ def touches(window, data) -> list:
     return [(np.array(samples), finger) for (_, finger), samples in found.items()]
 
 
-def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
+def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
     """Return how far each touch as a whole is from the surface [m], by its median.
 
     Where fingers disagree about a face, neither noise nor any body explains the gap.  A
@@ -221,7 +221,7 @@ def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
     p_wf = touch.p_wf.T.copy()
     if OFFSET in values:
         p_wf[:3] += values[OFFSET][:, touch.finger]
-    gap = at_touches(window, shape, values, p_wf, window.finger.gap)[:, 0]
+    gap = at_touches(window, values, p_wf, window.finger.gap)[:, 0]
     known = kkt.problem.parameters
     if COMPLIANCE in known:
         inside = kkt.problem.value(INDENTATION, kkt.x, kkt.data)
@@ -235,13 +235,13 @@ def gaps_of_touches(kkt: KKTSystem, window, shape, data) -> np.ndarray:
     return np.array(off)
 
 
-def residual_of_normals(kkt: KKTSystem, window, shape) -> float:
+def residual_of_normals(kkt: KKTSystem, window) -> float:
     """Return the standard deviation of felt normals about the modelled ones [rad]."""
     touch = window.touch
     if not len(touch):
         return 0.0
     values = kkt.problem.unpack(kkt.x)
-    normal = at_touches(window, shape, values, touch.p_wf.T, window.finger.normal)
+    normal = at_touches(window, values, touch.p_wf.T, window.finger.normal)
     felt = touch.normal
     if TURN in values:
         felt = turned_back(felt, values[TURN].T[touch.finger])
@@ -249,14 +249,14 @@ def residual_of_normals(kkt: KKTSystem, window, shape) -> float:
     return float(np.median(off)) / RAYLEIGH_MEDIAN
 
 
-def at_touches(window, shape, values, p_wf, of) -> np.ndarray:
+def at_touches(window, values, p_wf, of) -> np.ndarray:
     """Return what a finger's function gives at every touch sample, a row each.
 
     of(shape, theta, pose, p_wf, rho): window.finger.gap or normal; p_wf (numbers, n).
     """
     import casadi as ca
 
-    touch = window.touch
+    touch, shape = window.touch, window.shape
     seen = window.seen_by_touches(values["theta"])
     sizes = len(seen), window.motion.unknowns, len(p_wf), 1
     symbols = [ca.SX.sym("s", n) for n in sizes]

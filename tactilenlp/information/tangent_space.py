@@ -60,9 +60,10 @@ def final_unknowns(problem) -> np.ndarray:
     return np.r_[theta.start : theta.stop, x.span.stop - x.rows : x.span.stop]
 
 
-def tangent_space_of(problem, solution, window, shape, R_wg) -> TangentSpace:
+def tangent_space_of(problem, solution, window, R_wg) -> TangentSpace:
     """Return the tangent space at a solution; R_wg (3, 3): from ground to world."""
-    motion, n, chosen = window.motion, shape.theta, final_unknowns(problem)
+    shape, motion, chosen = window.shape, window.motion, final_unknowns(problem)
+    n = shape.theta
     theta, x = solution.values["theta"][:, 0], solution.values["x"][:, [0, -1]]
     p, (first, R), position, rotation = pose_jacobians(shape, motion, theta, x)
     position, rotation = R_wg @ position[-1], R_wg @ rotation[-1]

@@ -45,7 +45,7 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     window, values, R_wg = at.window, at.values, at.R_wg
     poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
     theta, x = values["theta"].T.ravel(), values["x"][:, poses]
-    p, R, J_p, J_R = pose_jacobians(at.job.shape, window.motion, theta, x)
+    p, R, J_p, J_R = pose_jacobians(window.shape, window.motion, theta, x)
     p, J_p = _of_point(p, R, J_p, J_R, *middle)
     jacobian, chosen = _stacked(at.kkt.problem, poses, R_wg @ J_p, R_wg @ J_R)
     free, turned = window.motion.name == "free", 0.0
@@ -62,7 +62,7 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     if carried is not None:
         variance += _carried(*carried, R, R_wg)
     for weight, optimum in optima:
-        apart = _apart(at.job.shape, optimum, window.last[poses], (p, R), R_wg)
+        apart = _apart(optimum, window.last[poses], (p, R), R_wg)
         variance += weight * apart**2
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
@@ -78,7 +78,7 @@ def deviations_of_path(at, tangent, modes, optima, beyond) -> np.ndarray:
     others = [(weight, optimum) for weight, optimum in pairs if weight]
     more = beyond + np.einsum("m,mij->ij", modes.weights[1:], modes.covariances[1:])
     maps = np.concatenate([tangent.maps["position"], tangent.maps["rotation"]])
-    middle = np.zeros(3), np.zeros((3, at.job.shape.theta))
+    middle = np.zeros(3), np.zeros((3, at.window.shape.theta))
     variance = trajectory_variance(at, middle, (more, maps), others)
     if at.tilt is None or at.window.motion.name == "free":
         variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
@@ -107,7 +107,7 @@ def errors_of_ground(at: Linearisation, points) -> np.ndarray:
     """
     turned, R_wg = at.tilt.turned(points), at.R_wg
     C = turned @ at.tilt.squared @ turned.swapaxes(1, 2)
-    legs = at.window.supports(at.job.shape, at.values["theta"].T.ravel())
+    legs = at.window.supports(at.values["theta"].T.ravel())
     arm = np.maximum(np.sum(legs[:, :2] ** 2) / 2, LEAST_ARM**2)
     rocks = (UNEVEN * REST) ** 2 / arm * R_wg[:, :2] @ R_wg[:, :2].T
     C[:, 3:, 3:] += rocks
@@ -140,13 +140,14 @@ def _carried(covariance, maps, R, R_wg) -> np.ndarray:
     return np.einsum("sik,kl,sil->si", J, covariance, J)
 
 
-def _apart(shape, optimum, samples, reference, R_wg) -> np.ndarray:
+def _apart(optimum, samples, reference, R_wg) -> np.ndarray:
     """Return by how much (s, 6) another optimum is off at samples (s,), world frame.
 
     reference: positions (s, 3) and rotations (s, 3, 3).  The body's axes are relabelled
     so that the last rotation is the nearest.
     """
     values, window = optimum.solution.values, optimum.window
+    shape = window.shape
     theta, x = values["theta"].T.ravel(), values["x"][:, window.pose[samples]]
     p, R, *_ = pose_jacobians(shape, window.motion, theta, x)
     p_0, R_0 = reference

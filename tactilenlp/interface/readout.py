@@ -29,7 +29,6 @@ from ..information.tangent_space import widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
 from ..nlp.kkt import kkt_system_of
 from ..problem.pages import name_of
-from ..problem.polytope_window import with_supports
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
 from .request import CHECK_FOR_MISTAKES, Request
@@ -176,15 +175,12 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
 
     faces: how many samples touched each; modes: other local optima of the same page.
     """
-    shape, solution = job.shape, solved.solution
-    of_hull = shape.last_pose_held
-    if of_hull:  # as solved
-        shape = with_supports(shape, solved.hypothesis.theta.reshape(-1, 3))
+    solution = solved.solution
     try:
         kkt = kkt_system_of(solved.problem, solution, job.deadline)
         job.deadline.check()
-        at = Linearisation(kkt, replace(job, shape=shape), solved.window)
-        if of_hull:
+        at = Linearisation(kkt, job, solved.window)
+        if job.shape.last_pose_held:
             return polytope_information(at, solution, solved.tangent, faces)
         optima = [mode.optimum for mode in modes]
         known = solved.tangent, faces, optima, solved.profile

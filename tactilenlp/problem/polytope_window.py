@@ -98,7 +98,7 @@ class PolytopeWindow(Window):
                 out[legs] = ways @ (ways.T @ rows[legs])
         return out
 
-    def supports(self, shape, theta) -> np.ndarray:
+    def supports(self, theta) -> np.ndarray:
         """Return the vertices (n, 3) [m] that carry the body, from its centroid."""
         return self.start[self.legs] - self.body[1:4]
 
@@ -107,7 +107,7 @@ class PolytopeWindow(Window):
         return theta.T[self.near_touch].reshape(len(self.touch), -1).T
 
 
-def polytope_window(window, shape, vertices, x, ground, resting) -> PolytopeWindow:
+def polytope_window(window, vertices, x, ground, resting) -> PolytopeWindow:
     """Return the window of a polytope that starts as `vertices` at poses x (u, T).
 
     ground: whether there is one; resting: the vertices (V, 3) as which it carries its
@@ -115,7 +115,7 @@ def polytope_window(window, shape, vertices, x, ground, resting) -> PolytopeWind
     """
     lower, upper = window.holding(x, [-1])
     triangles = triangles_of(vertices, 2 * len(vertices) - 4)
-    stand = np.array(shape.corners, int)[:, 0]
+    stand = np.array(window.shape.corners, int)[:, 0]
     share = np.zeros(len(vertices))
     share[stand] = support_shares(resting[stand], hull_moments(resting, triangles)[1:4])
     lifts = ground and not is_planar(x)
@@ -246,12 +246,12 @@ def with_supports(shape, vertices):
     return replace(shape, theta=vertices.size, counts=(), corners=corners)
 
 
-def window_of(job, guess=None, resting=None):
-    """Return the window that a page reads, and the shape as the page takes it.
+def window_of(job, guess=None, resting=None) -> Window:
+    """Return the window that a page reads.
 
-    guess: theta and x, where a page starts.  Of a polytope whose vertices it gives, the
-    shape has the corners that stand, and resting is the theta as which it carries its
-    weight where it rests, by default that of the guess.
+    guess: theta and x, where a page starts.  Of a polytope whose vertices it gives,
+    resting is the theta as which it carries its weight where it rests, by default that
+    of the guess.
     """
     shape = job.shape
     near_start = shape.window_depends_on_start and guess is not None
@@ -261,10 +261,10 @@ def window_of(job, guess=None, resting=None):
     known = job.scene, shape, job.precision, job.reductions
     window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
     if not near_start:
-        return window, shape
+        return window
     x = guess[1]
     if job.reductions.far:
         window = without_clear(window, vertices, x)
     resting = vertices if resting is None else np.reshape(resting, (-1, 3))
     ground = job.scene.ground is not None
-    return polytope_window(window, shape, vertices, x, ground, resting), shape
+    return polytope_window(window, vertices, x, ground, resting)

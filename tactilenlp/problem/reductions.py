@@ -110,7 +110,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
     push = _pushes(data, p_wf, pushing, hidden, step, before)
     corner, lift, rest = _ground(scene, shape, motion, step, first, pose, guess)
     return Window(
-        motion=motion, finger=finger_of(scene), fingers=data.fingers,
+        shape=shape, motion=motion, finger=finger_of(scene), fingers=data.fingers,
         poses=int(pose[-1]) + 1, pose=pose, touch=touch, free=free,
         step=step, gap=_gaps(data, scene, pose, first),
         push=push, unfelt=push.where(data.valid & ~data.contact),

@@ -110,7 +110,7 @@ def _along(x) -> np.ndarray:
 
 def _lever_arm(solved, window) -> float:
     """Return the arm [m] at which the ground's friction resists a turn."""
-    legs = window.supports(solved.job.shape, solved.at.theta)
+    legs = window.supports(solved.at.theta)
     return max(float(np.linalg.norm(legs[:, :2], axis=1).mean()), LEAST_ARM)
 
 

@@ -55,8 +55,8 @@ def unreduced(job, solved) -> UnreducedProblem:
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     more = job.with_reductions(**dict.fromkeys(LEFT_OUT, False))
     more = replace(more, cuts=())
-    again, shape = window_of(more, (h.theta, h.x), solved.at.theta)
-    problem = replace(job, shape=shape).build(again)
+    again = window_of(more, (h.theta, h.x), solved.at.theta)
+    problem = job.build(again)
     values, _, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))
     unfelt = rows_of(samples_of(window.push), samples_of(again.push))

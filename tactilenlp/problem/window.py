@@ -12,6 +12,7 @@ import numpy as np
 
 from formulations.finger import Finger
 from formulations.rigid_body import Motion
+from formulations.shape import Shape
 
 from .poses import body_corners
 
@@ -109,6 +110,7 @@ class Group:
 class Window:
     """The measurements as a page reads them.
 
+    shape: the class, of a hull with the vertices that it starts with and stands on;
     unfelt: the pushes of fingers that feel nothing (rows of push);
     unseen: those of fingers whose samples are missing (rows of push);
     lift: the ground contacts that can leave the ground (none in planar motion);
@@ -122,6 +124,7 @@ class Window:
     is the centroid; aligned: whether the normals of a finger are not turned.
     """
 
+    shape: Shape
     motion: Motion
     finger: Finger
     fingers: int
@@ -256,9 +259,9 @@ class Window:
         """
         return rows
 
-    def supports(self, shape, theta) -> np.ndarray:
+    def supports(self, theta) -> np.ndarray:
         """Return the corners (n, 3) [m] that carry a body theta, from its middle."""
-        return body_corners(shape, theta)
+        return body_corners(self.shape, theta)
 
     def seen_by_touches(self, theta) -> np.ndarray:
         """Return what each touch reads (n, touches) of a body theta (rows, columns)."""

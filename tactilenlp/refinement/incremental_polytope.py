@@ -174,13 +174,12 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
-        window, shape = window_of(job, (h.theta, h.x))
-        window = window.of_action(past.at, about)
+        window = window_of(job, (h.theta, h.x)).of_action(past.at, about)
         problem = Problem(
             term_functions=past.problem.term_functions, deadline=job.deadline,
             noting=noting_roots,
         )  # fmt: skip
-        build(problem, window, job.scene, shape)
+        build(problem, window, job.scene, window.shape)
         start = {
             k: v for k, v in past.solution.values.items()
             if v.size == 1 and k in problem.variables

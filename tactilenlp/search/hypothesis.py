@@ -169,7 +169,7 @@ class Job:
         problem = Problem(
             term_functions=shared, deadline=self.deadline, noting=noting_roots
         )
-        self.page.build(problem, window, scene, self.shape)
+        self.page.build(problem, window, scene, window.shape)
         return problem
 
 

@@ -36,8 +36,8 @@ def built_page(job: Job, hypothesis=None) -> BuiltPage:
     began = time.process_time()
     made = required_reductions(job.page, job.reductions)
     guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
-    window, shape = window_of(replace(job, reductions=made), guess)
-    problem = replace(job, shape=shape).build(window)
+    window = window_of(replace(job, reductions=made), guess)
+    problem = job.build(window)
     return BuiltPage(problem, window, hypothesis, time.process_time() - began)
 
 

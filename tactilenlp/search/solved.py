@@ -143,8 +143,8 @@ class Solved:
     @property
     def touched(self) -> np.ndarray:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
-        at, motion = self.at, self.window.motion
-        _, turned = poses(self.job.shape, motion, at.theta, at.x, None)
+        at, window = self.at, self.window
+        _, turned = poses(window.shape, window.motion, at.theta, at.x, None)
         return touched_faces(self.job.data, turned, FACE_COSINE)
 
     @property
@@ -168,10 +168,10 @@ class Solved:
     def tangent(self) -> TangentSpace:
         """The coordinates of the shape and, unless it is held, of its final pose."""
         R_wg = frame_of(self.job.scene.ground).rotation.T
-        problem, solution, shape = self.problem, self.solution, self.job.shape
-        if shape.last_pose_held:
+        problem, solution, window = self.problem, self.solution, self.window
+        if window.shape.last_pose_held:
             return tangent_space_of_hull(problem, solution, R_wg)
-        return tangent_space_of(problem, solution, self.window, shape, R_wg)
+        return tangent_space_of(problem, solution, window, R_wg)
 
     @cached_property
     def optimum(self) -> LocalOptimum:
