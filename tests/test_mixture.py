@@ -19,17 +19,17 @@ def mode(sizes, yaw, objective=0.0, deviation=1e-4):
 
 def test_two_bodies_that_are_equally_likely_are_half_their_distance_wide():
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
-    modes = laplace_mixture(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, found)
     assert modes.weights == pytest.approx([0.5, 0.5])
     assert np.sqrt(modes.covariance[1, 1]) == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
     assert np.sqrt(modes.covariance[0, 0]) == pytest.approx(1e-4)
 
 
 def test_a_mode_two_nats_worse_weighs_less_and_a_vaguer_one_more():
-    worse = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+    worse = laplace_mixture(CUBOID, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 2.0)])  # fmt: skip
     assert worse.weights[1] / worse.weights[0] == pytest.approx(np.exp(-2))
-    vague = laplace_mixture(CUBOID, 1, [mode([0.05, 0.03, 0.04], 0.0),
+    vague = laplace_mixture(CUBOID, [mode([0.05, 0.03, 0.04], 0.0),
                                  mode([0.05, 0.04, 0.04], 0.0, 0.0, 2e-4)])  # fmt: skip
     assert vague.weights[1] / vague.weights[0] == pytest.approx(2**6, rel=1e-4)
 
@@ -39,26 +39,26 @@ def test_a_pose_that_no_touch_tells_makes_a_mode_no_likelier():
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0)]
     for one, deviation in zip(found, (1.0, 1e3), strict=True):
         one.covariance[3, 3] = deviation**2
-    assert laplace_mixture(CUBOID, 1, found).weights == pytest.approx(0.5, rel=1e-2)
+    assert laplace_mixture(CUBOID, found).weights == pytest.approx(0.5, rel=1e-2)
 
 
 def test_a_quarter_turn_that_swaps_two_sides_is_the_same_body():
     found = [mode([0.05, 0.03, 0.04], 0.1), mode([0.03, 0.05, 0.04], 0.1 + np.pi / 2)]
-    assert len(distinct_modes(CUBOID, 1, found)) == 1
+    assert len(distinct_modes(CUBOID, found)) == 1
 
 
 def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
     """A covariance that is singular to the last digit has a volume all the same."""
     flat = np.diag([1e-8, 1e-8, 1e-8, 100.0, 100.0, 0.0])
     found = [LocalOptimum(np.full(6, 0.05), np.eye(3), 1.0, flat)]
-    modes = laplace_mixture(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, found)
     assert modes.weights == pytest.approx([1.0])
     assert np.isfinite(modes.covariance).all()
 
 
 def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
-    modes = laplace_mixture(CUBOID, 1, found)
+    modes = laplace_mixture(CUBOID, found)
     information = replace(estimate.information, modes=modes, spread=modes.covariance)
     reported, other = information.also
     assert reported == "What is reported has a probability of 73 %."

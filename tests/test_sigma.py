@@ -209,7 +209,7 @@ def test_a_face_that_nothing_touched_is_as_doubtful_as_the_fingers_paths_are_noi
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     z = np.r_[0.05, 0.03, 0.04, 0.1, 0.2, yaw]
-    tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, UP, 1)
+    tangent = TangentSpace(("",) * 6, np.arange(6), np.eye(6), {}, (), z, R, R, UP)
 
     def doubt_of(*faces):
         return untouched_faces(tangent, CUBOID, faces, noise, True)
@@ -228,9 +228,7 @@ def test_the_face_that_a_body_stands_on_is_known_on_ground_that_leans():
     z, faces = np.zeros(9), [[9, 9], [9, 9], [0, 9]]
 
     def doubt_of(R, up):
-        tangent = TangentSpace(
-            ("",) * 9, np.arange(9), np.eye(9), {}, (), z, R, R, up, 3
-        )
+        tangent = TangentSpace(("",) * 9, np.arange(9), np.eye(9), {}, (), z, R, R, up)
         return untouched_faces(tangent, CUBOID, faces, 1e-3, True)
 
     assert not doubt_of(np.eye(3), UP).any()

@@ -15,19 +15,19 @@ from tactilenlp.information.error_budget_terms import (
 def test_a_pose_that_nothing_saw_is_no_farther_than_a_body_can_be():
     lost = np.diag([4e-4, 4e-4, 1e-9, 60.0, 4.0, 1e5])
     lost[3, 4] = lost[4, 3] = 16.0  # rounding: no positive matrix
-    C = bounded_pose(lost, 3, 1)
+    C = bounded_pose(lost, 3)
     assert np.linalg.eigvalsh(C).min() > 0
     np.testing.assert_allclose(np.sqrt(np.diag(C)[3:5]), REACHED, rtol=0.03)
     assert np.sqrt(C[5, 5]) == pytest.approx(ANY_ROTATION, rel=1e-3)
     known = np.diag([1e-8, 1e-8, 1e-9, 1e-7, 1e-7, 1e-4])
-    np.testing.assert_allclose(bounded_pose(known, 3, 1), known, rtol=1e-4, atol=1e-16)
+    np.testing.assert_allclose(bounded_pose(known, 3), known, rtol=1e-4, atol=1e-16)
 
 
 def test_a_pose_of_any_covariance_is_bounded():
     lost = np.diag([4e-4, 4e-4, 1e-9, 0.0, 0.0, 0.0])
     way = np.array([1.0, 2.0, 3.0])
     lost[3:, 3:] = 1e40 * np.outer(way, way)  # adding the prior to it changes no digit
-    C = bounded_pose(lost, 3, 1)
+    C = bounded_pose(lost, 3)
     assert np.isfinite(C).all()
     most = [REACHED, REACHED, ANY_ROTATION]
     assert (np.sqrt(np.diag(C)[3:]) <= np.array(most) * (1 + 1e-9)).all()

@@ -23,7 +23,7 @@ from formulations.violation_implicit import NORMAL, TOUCH
 
 from ..data.contact_segments import intervals
 from ..information.comparisons import sample_information
-from ..information.tangent_space import tangent_of, widest_deviations
+from ..information.tangent_space import rotations, tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
 from ..problem.poses import rotations_on_ground
 from ..search.hypothesis import Hypothesis, distinct
@@ -241,7 +241,7 @@ def _after_retraction(belief: Belief, theta: int, tangent) -> np.ndarray:
     k, C = len(belief.z), np.linalg.inv(belief.information)
     slip = np.zeros(k)
     slip[theta:] = between_actions.GAP
-    slip[k - (1 if k == theta + 3 else 3) :] /= ARM
+    slip[-rotations(theta, k) :] /= ARM
     back = np.linalg.inv(tangent)
     C[:k, :k] += (back * slip**2) @ back.T
     loosened = np.linalg.inv(C)

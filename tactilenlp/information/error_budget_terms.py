@@ -19,6 +19,7 @@ from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_pl
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 from .measurement_noise import KNOWN_FACE
 from .sensitivity import ASSUMPTION_STEP, difference, kkt_residual
+from .tangent_space import rotations
 
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
@@ -235,10 +236,10 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
             continue
         way = np.zeros(k)
         way[axis] = 1.0
-        places = k - n - tangent.turning
+        places = k - n - rotations(n, k)
         way[n : n + places] = (int(low) - int(high)) / 2 * tangent.R[:places, axis]
         deviation = UNTOUCHED_FACTOR * noise
-        if tangent.turning == 3:
+        if rotations(n, k) == 3:
             deviation = np.hypot(deviation, TUMBLED * tangent.z[axis])
         total += deviation**2 * np.outer(way, way)
     return total
@@ -271,15 +272,15 @@ def profile_beyond(profile, C) -> np.ndarray:
     return beyond
 
 
-def bounded_pose(C, sizes: int, turning: int) -> np.ndarray:
+def bounded_pose(C, sizes: int) -> np.ndarray:
     """Return the covariance (k, k) given that the final position lies within REACHED.
 
-    sizes, turning: how many of the first and of the last of k are no position.  Where
-    the data leave the pose open, rounding errors make the matrix indefinite: negative
-    eigenvalues count as large variances.
+    sizes: how many of the first of k are of the shape.  Where the data leave the pose
+    open, rounding errors make the matrix indefinite: negative eigenvalues count as
+    large variances.
     """
     widest = np.full(len(C) - sizes, REACHED)
-    widest[-turning:] = ANY_ROTATION
+    widest[-rotations(sizes, len(C)) :] = ANY_ROTATION
     rest, pose, unit = slice(sizes), slice(sizes, None), np.outer(widest, widest)
     values, vectors = np.linalg.eigh(C[pose, pose] / unit)
     share = np.abs(values) / (np.abs(values) + 1)

@@ -243,13 +243,13 @@ def information_of(
     C = response.hessian
     errors, objective = errors_by_name(response), solution.objective
     best = LocalOptimum(tangent.z, tangent.R, objective, C, solution, window)
-    optima = distinct_modes(shape, tangent.turning, [best, *others])
-    modes = laplace_mixture(shape, tangent.turning, optima, summed(errors))
+    optima = distinct_modes(shape, [best, *others])
+    modes = laplace_mixture(shape, optima, summed(errors))
     beyond = beyond_mixture(modes, at, tangent, faces, profile)
     errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
     path = deviations_of_path(at, tangent, modes, optima, more)
     more = modes.covariance + more
-    covariance, errors = bounded(errors, more, shape, tangent.turning)
+    covariance, errors = bounded(errors, more, shape)
     words, directions = open_directions(tangent, covariance, shape, faces)
     return at_solution(
         at, response, tangent, inverse(C), errors, spread=covariance, modes=modes,

@@ -36,7 +36,7 @@ from formulations.rigid_body import ARM
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
 from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose
-from .tangent_space import TangentSpace, widest_deviations
+from .tangent_space import TangentSpace, rotations, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
@@ -168,17 +168,17 @@ def one_mode(objective: float, covariance) -> Modes:
     return Modes(np.ones(1), zero, covariance[None], np.array([objective]))
 
 
-def laplace_mixture(shape, turning: int, optima, errors=None) -> Modes:
+def laplace_mixture(shape, optima, errors=None) -> Modes:
     """Return the modes of distinct LocalOptima, the first first.
 
-    turning: how many numbers of z turn the body; errors (k, k): the covariance of the
-    first, if it is not that of the Hessian, of which the weights are.
+    errors (k, k): the covariance of the first, if it is not that of the Hessian, of
+    which the weights are.
     """
-    pairs = [aligned(shape, turning, one, optima[0]) for one in optima]
+    pairs = [aligned(shape, one, optima[0]) for one in optima]
     offsets, covariances = (np.array(part) for part in zip(*pairs, strict=True))
     objectives = np.array([one.objective for one in optima])
-    unit = np.outer(*[_units(len(optima[0].z), turning)] * 2) / SAME_MODE**2
-    closed = [bounded_pose(C, shape.theta, turning) for C in covariances]
+    unit = np.outer(*[_units(shape, len(optima[0].z))] * 2) / SAME_MODE**2
+    closed = [bounded_pose(C, shape.theta) for C in covariances]
     evidence = np.array([_log_volume(C * unit) for C in closed]) - objectives
     weights = np.exp(evidence - evidence.max())
     weights /= weights.sum()
@@ -188,13 +188,13 @@ def laplace_mixture(shape, turning: int, optima, errors=None) -> Modes:
     return Modes(weights / weights.sum(), offsets, covariances, objectives)
 
 
-def bounded(errors: dict, covariance, shape, turning: int) -> tuple[np.ndarray, dict]:
+def bounded(errors: dict, covariance, shape) -> tuple[np.ndarray, dict]:
     """Return what `bounded_pose` makes of a covariance (k, k), and of its errors, SI.
 
     By the gain K of that prior, an error C is (1 - K) C (1 - K)'; the rest is its own.
     """
     n, kept = shape.theta, np.eye(len(covariance))
-    covariance = bounded_pose(covariance, n, turning)
+    covariance = bounded_pose(covariance, n)
     widest = widest_deviations(shape, len(covariance), REACHED, ANY_ROTATION)
     kept[:, n:] -= covariance[:, n:] / widest[n:] ** 2
     errors = {name: kept @ C @ kept.T for name, C in errors.items()}
@@ -202,11 +202,11 @@ def bounded(errors: dict, covariance, shape, turning: int) -> tuple[np.ndarray, 
     return covariance, errors
 
 
-def distinct_modes(shape, turning: int, optima) -> list[LocalOptimum]:
+def distinct_modes(shape, optima) -> list[LocalOptimum]:
     """Return those of several LocalOptima that are not one of those before."""
-    units, kept, offsets = _units(len(optima[0].z), turning), [], []
+    units, kept, offsets = _units(shape, len(optima[0].z)), [], []
     for one in optima:
-        off, _ = aligned(shape, turning, one, optima[0])
+        off, _ = aligned(shape, one, optima[0])
         if all(np.abs((off - other) * units).max() > SAME_MODE for other in offsets):
             kept.append(one)
             offsets.append(off)
@@ -252,9 +252,9 @@ def whole_percentages(probabilities) -> list[int]:
     return whole.tolist()
 
 
-def _units(unknowns: int, turning: int) -> np.ndarray:
+def _units(shape, k: int) -> np.ndarray:
     """Return by what unknowns (k,) are multiplied to compare them, [1] or [m/rad]."""
-    return np.where(np.arange(unknowns) < unknowns - turning, 1.0, ARM)
+    return np.where(np.arange(k) < k - rotations(shape.theta, k), 1.0, ARM)
 
 
 def _log_volume(C) -> float:
@@ -264,7 +264,7 @@ def _log_volume(C) -> float:
     return float(np.log(np.maximum(values, least)).sum() / 2)
 
 
-def aligned(shape, turning: int, mode: LocalOptimum, reference: LocalOptimum):
+def aligned(shape, mode: LocalOptimum, reference: LocalOptimum):
     """Return offset (k,) of a mode from a reference, and its covariance.
 
     Of the body's relabellings (order of theta, rotation), that which turns least.
@@ -273,7 +273,8 @@ def aligned(shape, turning: int, mode: LocalOptimum, reference: LocalOptimum):
     index = np.r_[np.array(order, int), np.arange(shape.theta, len(mode.z))]
     off = mode.z[index] - reference.z
     turn = turn_between(shape, mode.R @ S, reference.R)
-    off[len(off) - turning :] = turn[3 - turning :]
+    turning = rotations(shape.theta, len(off))
+    off[-turning:] = turn[-turning:]
     return off, mode.covariance[np.ix_(index, index)]
 
 

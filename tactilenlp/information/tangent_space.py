@@ -33,8 +33,8 @@ class TangentSpace:
     names (k,); chosen (k,): indices into all unknowns; jacobian (k, k): from a change
     of those to one of z; maps: (3, k) Jacobian of each quantity by z; fixed: words for
     what the motion fixes, whose rows are NaN; R, R_first (3, 3): the final and the
-    first rotation; up (3,): the vertical in the frame of both; turning: how many of the
-    last entries of z turn the body.  From z on, None where these are vertices.
+    first rotation; up (3,): the vertical in the frame of both.  From z on, None where
+    these are vertices.
     """
 
     names: tuple[str, ...]
@@ -46,7 +46,6 @@ class TangentSpace:
     R: np.ndarray | None = None
     R_first: np.ndarray | None = None
     up: np.ndarray | None = None
-    turning: int | None = None
 
     @property
     def inverse(self) -> np.ndarray:
@@ -84,10 +83,7 @@ def tangent_space_of(problem, solution, window, R_wg) -> TangentSpace:
     if motion.name == "planar" and not fixed:
         fixed = ["tilt against the ground"]
     maps = quantities | {"position": position, "rotation": rotation}
-    turning = 1 if motion.name == "planar" else 3
-    return TangentSpace(
-        names, chosen, tangent, maps, tuple(fixed), at, R, first, up, turning
-    )
+    return TangentSpace(names, chosen, tangent, maps, tuple(fixed), at, R, first, up)
 
 
 def tangent_of(shape, motion, at, R_wg) -> np.ndarray:
@@ -133,15 +129,19 @@ def pose_jacobians(shape, motion, theta, x):
     return p, *matrices
 
 
+def rotations(sizes: int, k: int) -> int:
+    """Return how many coordinates turn the body, the last of k: 1, or 3 if free."""
+    return (k - sizes) // 2  # of the final pose's 3 or 6, which follow the sizes
+
+
 def widest_deviations(shape, k: int, place: float, turn: float) -> np.ndarray:
     """Return prior deviations (k,) of sizes, position [m] and rotation [rad].
 
     Those of the sizes are the shape's, those of the pose are `place` and `turn`.
     """
-    turns = (k - shape.theta) // 2  # 1 of 3 planar, 3 of 6 free unknowns
     sigma = np.full(k, place)
     sigma[: shape.theta] = shape.size_prior[1]
-    sigma[k - turns :] = turn
+    sigma[k - rotations(shape.theta, k) :] = turn
     return sigma
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
 
 from ..common.deadline import Deadline
@@ -55,9 +54,8 @@ def most_probable(solves) -> Solved:
         return best
     if best.job.deadline.passed("evidence of other optima"):
         return best
-    turning = 1 if best.window.motion is PLANAR else 3
-    optima = distinct_modes(shape, turning, [s.optimum for s in several])
-    weights = laplace_mixture(shape, turning, optima).weights
+    optima = distinct_modes(shape, [s.optimum for s in several])
+    weights = laplace_mixture(shape, optima).weights
     likeliest = optima[int(np.argmax(weights))]
     return next(s for s in several if s.optimum is likeliest)
 
