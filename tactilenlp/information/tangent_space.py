@@ -102,7 +102,7 @@ def _tangent(n: int, position, rotation) -> np.ndarray:
 def _slopes_of_quantities(shape, theta, k: int) -> dict[str, np.ndarray]:
     """Return the Jacobians (3, k) of what a user asks for, by theta, then a pose."""
     symbol, slopes = ca.SX.sym("theta", len(theta)), {}
-    for name, of in getattr(shape, "quantities", ()):
+    for name, of in shape.quantities:
         slope = ca.jacobian(ca.SX(of(symbol)), symbol)
         slope = np.asarray(ca.DM(ca.Function("slope", [symbol], [slope])(theta)))
         slopes[name] = np.pad(slope, ((0, 0), (0, k - len(theta))))

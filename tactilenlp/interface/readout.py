@@ -253,8 +253,8 @@ def prior_information(job, solved) -> Information:
     Where the time limit came before it was computed: nothing is claimed that was not.
     """
     R_wg = frame_of(job.scene.ground).rotation.T
-    solution, shape, tangent = solved.solution, job.shape, solved.tangent
-    k = len(tangent.names)
+    solution, tangent = solved.solution, solved.tangent
+    shape, k = solved.window.shape, len(tangent.names)
     spread = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
     if shape.last_pose_held:  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (k // 3, 1))
