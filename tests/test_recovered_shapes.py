@@ -196,7 +196,7 @@ def test_a_box_with_rounded_edges_is_named_and_told_by_its_faces_as_a_cuboid(rec
     assert rounded.check(1).good, str(rounded.check(1))
     data, scene, _ = recorded
     estimate = solve_estimate(data.select([0, 1, 2]), scene, shape=rounded)
-    assert estimate.theta[0] > estimate.theta[1]
+    assert estimate.side_lengths[0] > estimate.side_lengths[1]
     assert estimate.rotation(0)[0, 0] > 0
     assert estimate.origin.path[0] in ("track", "middle")
     told = estimate.information.unobserved

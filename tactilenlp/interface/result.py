@@ -33,7 +33,7 @@ from ..geometry.transforms import rotation_of
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
-from ..output.summary import remarks_of, summary_of
+from ..output.summary import has_sides, remarks_of, summary_of
 from ..problem.certificates import Skipped
 from ..problem.fingertips import as_spheres
 from ..search.hypothesis import Hypothesis
@@ -142,8 +142,8 @@ class Estimate:
 
     @property
     def side_lengths(self) -> np.ndarray:
-        """Full side lengths (3,) [m] of a cuboid, along its body axes."""
-        if self.shape != "cuboid" or self.theta.shape != (3,):
+        """Full side lengths (3,) [m] of a box, along its body axes."""
+        if not has_sides(self):
             raise TactileError(
                 "only a cuboid has side lengths", where="side_lengths",
                 got=self.shape, next="read estimate.vertices",
