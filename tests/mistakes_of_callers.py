@@ -165,7 +165,7 @@ CALLS = {
         lambda k: k.estimate.save("no/where.npz"), "make the folder",
     ),
     "sides of a hull": (
-        lambda k: replace(k.estimate, shape="polytope").side_lengths,
+        lambda k: replace(k.estimate, theta=k.estimate.vertices.ravel()).side_lengths,
         "read estimate.vertices",
     ),
 }  # fmt: skip
