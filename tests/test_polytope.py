@@ -20,7 +20,7 @@ from formulations.polytope import (
 from tactilenlp import Problem
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
-from tactilenlp.geometry.convex_hull import nearest
+from tactilenlp.geometry.convex_hull import nearest, unseen_ball
 from tactilenlp.problem.polytope_window import (
     hull_moments,
     support_shares,
@@ -28,7 +28,6 @@ from tactilenlp.problem.polytope_window import (
 )
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import with_vertices_on_hull
-from tactilenlp.search.plane_slam import unseen_ball
 from tactilenlp.search.polytope_init import closing_halfspaces
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm

@@ -16,6 +16,7 @@ from formulations import polytope_violation_implicit
 from formulations.polytope import COUNTS, polytope
 from tactilenlp import Options, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
+from tactilenlp.geometry.convex_hull import with_counts, without_touch
 from tactilenlp.information.mixture import occam_factor
 from tactilenlp.information.polytope_information import (
     occam_of_hull,
@@ -27,7 +28,7 @@ from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search import polytope_init
 from tactilenlp.search.local_solve import built_page
-from tactilenlp.search.polytope_init import likeliest, search_polytope, with_counts
+from tactilenlp.search.polytope_init import likeliest, search_polytope
 
 CUBE = 0.02 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
 PRIOR = 1 / 0.005**2  # [1/m^2]
@@ -95,26 +96,28 @@ def test_no_count_is_tried_that_a_smaller_one_has_room_for():
     assert [len(V) for V in with_counts(CUBE[:7], counts)] == [8, 6, 4]
 
 
-def bodies(counts):
-    """Return what is told of the bodies of one hull, with so many vertices each."""
-    return [SimpleNamespace(count=k, path=()) for k in sorted(counts, reverse=True)]
+def fitted_by(monkeypatch, fit):
+    """Let fit(count) replace the fits of hulls by the quasi-static page."""
+    monkeypatch.setattr(
+        polytope_init, "by_volume", lambda job, hull, counts: map(fit, counts)
+    )
+    monkeypatch.setattr(polytope_init, "by_touches", lambda *_: [])
 
 
-def job_until(deadline) -> SimpleNamespace:
-    """Return a job of which no more than its deadline is told."""
-    return SimpleNamespace(deadline=deadline)
+def job_of(counts, deadline=NEVER) -> SimpleNamespace:
+    """Return a job of which no more than its counts and its deadline are told."""
+    return SimpleNamespace(deadline=deadline, shape=SimpleNamespace(counts=counts))
 
 
 def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
     asked = []
 
-    def fit(_, body):
-        asked.append(body.count)
-        cost = 5.0 if body.count >= 8 else 900.0
-        return SimpleNamespace(cost=cost, occam=4.0 * body.count)
+    def fit(count):
+        asked.append(count)
+        return SimpleNamespace(cost=5.0 if count >= 8 else 900.0, occam=4.0 * count)
 
-    monkeypatch.setattr(polytope_init, "polished", fit)
-    best, *_ = likeliest(job_until(NEVER), bodies(COUNTS))
+    fitted_by(monkeypatch, fit)
+    best, *_ = likeliest(job_of(COUNTS), ["hull"])
     assert best.cost + best.occam == 5.0 + 4.0 * 8
     assert asked == [20, 16, 12, 10, 8, 6]
 
@@ -122,13 +125,13 @@ def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
 def test_time_that_ends_leaves_the_bodies_fitted_by_then(monkeypatch):
     asked = []
 
-    def fit(_, body):
-        asked.append(body.count)
+    def fit(count):
+        asked.append(count)
         return SimpleNamespace(cost=5.0, occam=1.0)
 
-    monkeypatch.setattr(polytope_init, "polished", fit)
+    fitted_by(monkeypatch, fit)
     over = Deadline.within(0.0)
-    assert len(likeliest(job_until(over), bodies(COUNTS))) == 1
+    assert len(likeliest(job_of(COUNTS, over), ["hull"])) == 1
     assert asked == [20]
     assert over.omitted == ["other numbers of vertices"]
 
@@ -141,13 +144,26 @@ def test_a_fit_that_diverged_is_the_last_and_is_not_linearised(monkeypatch):
         def occam(self):
             raise np.linalg.LinAlgError
 
-    def fit(_, body):
-        good = SimpleNamespace(cost=5.0, occam=float(body.count), count=body.count)
-        return Diverged() if body.count == 20 else good
+    def fit(count):
+        good = SimpleNamespace(cost=5.0, occam=float(count), count=count)
+        return Diverged() if count == 20 else good
 
-    monkeypatch.setattr(polytope_init, "polished", fit)
-    assert [k.count for k in likeliest(job_until(NEVER), bodies([20, 8, 6]))] == [6, 8]
-    assert len(likeliest(job_until(NEVER), bodies([20]))) == 1
+    fitted_by(monkeypatch, fit)
+    found = likeliest(job_of([20, 8, 6]), ["hull"])
+    assert [k.count for k in found] == [6, 8]
+    assert len(likeliest(job_of([20]), ["hull"])) == 1
+
+
+def test_vertices_go_without_which_touches_stay_where_they_are():
+    """Eight touched corners of a cube stay, of many points on its faces none."""
+    rng = np.random.default_rng(5)
+    on_faces = rng.uniform(-0.8, 0.8, (40, 3))
+    axis = rng.integers(3, size=40)
+    on_faces[np.arange(40), axis] = np.where(rng.random(40) < 0.5, -1.01, 1.01)
+    fingers = CUBE * (1 + 5e-3 / 0.02)  # beyond the corners, along the diagonals
+    left = without_touch(np.vstack([CUBE, 0.02 * on_faces]), fingers, 8)
+    assert len(left) == 8
+    assert np.linalg.norm(left[:, None] - CUBE, axis=2).min(axis=0).max() < 1e-12
 
 
 def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():

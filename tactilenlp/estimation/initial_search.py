@@ -78,7 +78,7 @@ def _search_vertices(job, plane, incumbents) -> list[Hypothesis]:
         return search_polytope(job, incumbents.kept)
     incumbents.keep(in_plane(h, plane) for h in incumbents.kept)
     hypotheses = search_polytope(job, incumbents.kept)
-    (other,) = search_polytope(with_tilted_normals(job), incumbents.kept)
+    other, *_ = search_polytope(with_tilted_normals(job), incumbents.kept)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*hypotheses, replace(other, objective=hypotheses[0].objective)]
 

@@ -27,6 +27,7 @@ CENTRE_HEIGHT = 0.7, 0.25
 FLOATING_HEIGHT = 0.0, 0.5
 ENLARGED = 2.0**10  # [1] trimesh's tolerances are absolute: too wide for small faces
 ONE_BY_ONE = 600  # [1] vertices of a hull of which the least is removed alone
+CORNER, MOST_OF_TOUCH = 0.5e-3, 8.0  # [m], [nats] of a touch that a vertex explains
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
@@ -106,7 +107,7 @@ def thinned(points, count: int) -> np.ndarray:
         simplices = kept[ConvexHull(points[kept]).simplices]
         for i in changed:
             ring = _neighbours(simplices, i)
-            loss[i] = _volume(points[[*ring, i]]) - _volume(points[ring])
+            loss[i] = volume(points[[*ring, i]]) - volume(points[ring])
         at_once = max(1, (len(kept) - ONE_BY_ONE) // 10)
         gone = kept[np.argsort(loss[kept], kind="stable")[:at_once]]
         kept, changed = np.setdiff1d(kept, gone), _neighbours(simplices, gone)
@@ -118,7 +119,7 @@ def _neighbours(simplices, some) -> np.ndarray:
     return np.setdiff1d(simplices[np.isin(simplices, some).any(axis=1)], some)
 
 
-def _volume(points) -> float:
+def volume(points) -> float:
     """Return the volume [m^3] of a hull, 0 of points in a plane."""
     try:
         return ConvexHull(points).volume
@@ -206,3 +207,72 @@ def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
     closest = closest.reshape(len(simplices), n, 3)
     best = np.linalg.norm(closest - points, axis=2).argmin(axis=0)
     return closest[best, np.arange(n)], simplices[best]
+
+
+def nearest_in_hull(points, centre) -> np.ndarray:
+    """Return the points of the hull of `points` nearest to each centre (n, 3)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if len(points) < 4 or spread[-1] < 1e-4:
+        apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
+        return points[np.argmin(apart, axis=1)]
+    return nearest(hull_vertices(points), centre)
+
+
+def with_counts(corners, counts) -> list[np.ndarray]:
+    """Return the hull of corners (n, 3) as so many vertices each; counts: descending.
+
+    Vertices that add least volume go one after another, so that a hull of fewer is
+    made of the one before.  No count is taken that a smaller one has room for.
+    """
+    enough = min((count for count in counts if count >= len(corners)), default=np.inf)
+    hulls = []
+    for count in (count for count in counts if count <= enough):
+        corners = thinned(corners, count)
+        hulls.append(filled(corners, count))
+    return hulls
+
+
+def without_touch(vertices, centres, count: int) -> np.ndarray:
+    """Return at most `count` of the vertices of a hull, without those touched least.
+
+    centres (N, 3): of fingers that touch.  A vertex without which some are farther from
+    the hull costs these, by CORNER, at most MOST_OF_TOUCH nats each.  Of others the one
+    goes that adds least volume.
+    """
+    V = hull_vertices(vertices)
+    while len(V) > count:
+        point, corners = nearest_triangles(V, centres)
+        apart = np.linalg.norm(centres - point, axis=1)
+        lost = [
+            _lost(V, i, centres[near], apart[near])
+            for i, near in ((i, (corners == i).any(axis=1)) for i in range(len(V)))
+        ]
+        V = np.delete(V, np.argmin(lost), axis=0)
+    return V
+
+
+def _lost(V, i: int, centres, apart) -> float:
+    """Return what touches and volume lose without vertex i [nats, share]."""
+    rest = np.delete(V, i, axis=0)
+    left = volume(rest)
+    if not left:  # it would be flat
+        return np.inf
+    share = 1 - left / volume(V)
+    if not len(centres):
+        return share
+    farther = np.linalg.norm(centres - nearest(rest, centres), axis=1) - apart
+    return share + np.minimum((farther / CORNER) ** 2 / 2, MOST_OF_TOUCH).sum()
+
+
+def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
+    """Return half-spaces (n, 4) of the untouched side: a ball, and the ground if any.
+
+    points (k, 3) [m]: where the body was touched.
+    """
+    caps = ball.caps(points)
+    return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
+
+
+def unseen_ball(points, size, ground) -> Ball:
+    """Return the ball that stands for the untouched side of the body."""
+    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)

@@ -1,9 +1,10 @@
 """Poses of a polytope and the supporting planes of its touched faces, action by action.
 
-Simultaneous localisation and mapping: touches whose normals stay constant are contact
-segments, each a plane; segments that turn out to be one face become one plane
-(`polytope_planes` solves for poses and planes).  Poses are planar, in the frame of the
-ground.
+Simultaneous localisation and mapping with several hypotheses: touches whose normals
+stay constant are contact segments, each a plane; segments that turn out to be one face
+become one plane (`polytope_planes` solves for poses and planes).  Where a body may have
+gone in an action is predicted by quasi-static pushing at the contacts that were felt,
+for drawn centres of mass.  Poses are planar, in the frame of the ground.
 """
 
 from __future__ import annotations
@@ -16,60 +17,35 @@ from formulations import polytope_planes
 
 from ..data.contact_segments import NOISE_SIGMAS, contact_segments, samples_until
 from ..geometry.convex_hull import (
-    CENTRE_HEIGHT,
-    FLOATING_HEIGHT,
-    Ball,
     centroid,
-    fingers_in_body,
-    fitted_ball,
+    unseen_ball,
+    unseen_halfspaces,
     vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
+from ..problem.planes_window import contact_points, of_new_action, planes_window
 from ..problem.reductions import reduce
-from ..problem.window import Rows, Window
 from ..solvers.solve import solve_levels
+from ..tracking.felt_pushes import pushed_paths
+from ..tracking.tracks import friction_of
 from .solved import search_settings
 
-FREE_REACH = 15e-3  # [m] free fingers further from a contact point are left out
+# Chosen on the first actions of six explored polytopes and on seven shared recordings:
+HYPOTHESES, BEHIND = (
+    2,
+    6.0,
+)  # continued after an action; [nats] behind the best, at most
+AGREED = 2  # paths that lead to the best optimum: no others are tried
+DRAWN = 15  # paths of an action that are predicted
+# What differs between these; sizes are the typical one:
+CENTRE = 0.15  # [sizes] deviation of a centre of mass
+LEAST = 0.4  # [-] of the typical distance from the first touch to it; 1 / LEAST at most
+BEARING = -0.7, 0.7  # [rad] from the normal of the first touch
+FOOT = 0.25, 0.9  # [sizes] half the width of the support
+ONSET = 0.3, 1.0  # [-] part of a sample during which a touch that begins pushes
+TURN = 0.05  # [rad] by which paths differ
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
-
-
-@dataclass(frozen=True, eq=False)
-class Pairs(Rows):
-    """Touches and planes that they lie behind."""
-
-    touch: np.ndarray
-    plane: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Outside(Rows):
-    """Touches whose contact point is outside a free finger at p_wf; pose: its index."""
-
-    touch: np.ndarray
-    pose: np.ndarray
-    p_wf: np.ndarray
-    radius: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class PlanesWindow(Window):
-    """A window, and which touch lies on which plane.
-
-    plane: (touches,) of each touch; planes: how many; slip (n, 2): successive touches
-    of a finger; link (m, 2): their planes, where they are not one already; lower,
-    upper: (3, poses) bounds that hold the last pose.
-    """
-
-    plane: np.ndarray = None
-    planes: int = 0
-    slip: np.ndarray = None
-    link: np.ndarray = None
-    behind: Pairs = None
-    outside: Outside = None
-    lower: np.ndarray = None
-    upper: np.ndarray = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,68 +63,54 @@ class Faces:
     iterations: int = 0
 
 
-def contact_points(touch, x, n) -> np.ndarray:
-    """Return contact points (touches, 3) [m] in the body frame at poses x (3, T).
-
-    n (touches, 3): normals in that frame.
-    """
-    return fingers_in_body(touch, x) - touch.radius[:, None] * n
-
-
-def planes_window(window, faces: Faces) -> PlanesWindow:
-    """Return the window with the pairs of touches, planes and free fingers."""
-    plane, touch = faces.plane, window.touch
-    order = np.lexsort((touch.sample, touch.finger))
-    near = touch.sample[order[1:]] - touch.sample[order[:-1]] == 1
-    near &= touch.finger[order[1:]] == touch.finger[order[:-1]]
-    slip = np.stack([order[1:], order[:-1]], 1)[near]
-    link = np.unique(np.sort(plane[slip], axis=1), axis=0)
-    link = link[link[:, 0] != link[:, 1]]
-    same = near & (plane[order[1:]] == plane[order[:-1]])
-    ends = order[~(np.r_[False, same] & np.r_[same, False])]
-    i, j = np.meshgrid(ends, np.arange(len(faces.b)), indexing="ij")
-    other = plane[i] != j
-    point = contact_points(touch, faces.x, faces.n[plane])
-    free = window.free
-    centre = fingers_in_body(free, faces.x)
-    apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
-    a, f = np.nonzero(apart < free.radius + FREE_REACH)
-    lower, upper = window.holding(faces.x, [-1])
-    return PlanesWindow(
-        **vars(window), plane=plane, planes=len(faces.b), slip=slip, link=link,
-        behind=Pairs(i[other], j[other]),
-        outside=Outside(ends[a], free.pose[f], free.p_wf[f], free.radius[f]),
-        lower=lower, upper=upper,
-    )  # fmt: skip
-
-
-def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
-    """Return what a new action adds to the pairs of a past with poses x (3, T)."""
-    past, touch = x.shape[1], window.touch
-    new, first = touch.sample >= past, window.pose[past]
-    behind, outside = window.behind, window.outside
-    lower, upper = window.holding(x, slice(first))
-    return replace(
-        window, lower=lower, upper=upper,
-        slip=window.slip[new[window.slip].any(axis=1)],
-        link=window.link[(window.link >= planes).any(axis=1)],
-        behind=behind.pick(new[behind.touch] | (behind.plane >= planes)),
-        outside=outside.pick(new[outside.touch] | (outside.pose >= first)),
-        **window.of_later_steps(past),
-    )  # fmt: skip
-
-
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     """Return the poses x (3, T) of one more action, those of its past held."""
     window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
-    start, planes = continued_faces(window, faces, job.data.samples), len(faces.b)
-    window = of_new_action(planes_window(window, start), faces.x, planes)
-    problem = replace(job, page=polytope_planes).build(window)
+    return extensions(job, window, faces, job.data.samples)[0].x
+
+
+def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
+    """Return planes and poses of one more action, those of its past held, best first.
+
+    From predicted paths, until AGREED of them lead to the best optimum; optima whose
+    turns differ.
+    """
+    fits = []
+    for x in predicted_paths(job, window, faces, samples):
+        if fits and job.deadline.passed("other paths of an action"):
+            break
+        fits.append(_extension(job, window, faces, x))
+        best = min(fits, key=lambda fit: fit.objective)
+        if sum(turn_alike(fit, best) for fit in fits) == AGREED:
+            break
+    return of_distinct_turns(fits)
+
+
+def _extension(job, window, faces: Faces, x) -> Faces:
+    """Return planes and poses of one more action from a path x (3, T)."""
+    start = continued_faces(window, faces, x)
+    new = of_new_action(planes_window(window, start), faces.x, len(faces.b))
+    problem = replace(job, page=polytope_planes).build(new)
     plane = problem.variables["plane"]
-    held = plane.first + np.arange(plane.rows * planes)
+    held = plane.first + np.arange(plane.rows * len(faces.b))
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
-    s = solution_from(job, problem, window, start, levels)
-    return s.values["x"][:, window.pose]
+    fit = faces_from(new, start, solution_from(job, problem, new, start, levels))
+    return replace(fit, objective=faces.objective + fit.objective)
+
+
+def of_distinct_turns(fits) -> list[Faces]:
+    """Return fits of the same samples, the best first, whose turns differ by TURN."""
+    kept = []
+    for fit in sorted(fits, key=lambda fit: round(fit.objective, 3)):
+        if not any(turn_alike(fit, other) for other in kept):
+            kept.append(fit)
+    return kept
+
+
+def turn_alike(fit: Faces, other: Faces) -> bool:
+    """Tell whether two bodies turn by the same angles, up to TURN, to the last pose."""
+    off = fit.x[2] - other.x[2]
+    return bool(np.abs(off - off[-1]).max() < TURN)
 
 
 def solution_from(job, problem, window, faces: Faces, levels):
@@ -161,7 +123,11 @@ def solved_faces(job, window, faces: Faces, levels) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
     window = planes_window(window, faces)
     problem = replace(job, page=polytope_planes).build(window)
-    s = solution_from(job, problem, window, faces, levels)
+    return faces_from(window, faces, solution_from(job, problem, window, faces, levels))
+
+
+def faces_from(window, faces: Faces, s) -> Faces:
+    """Return planes and poses of a solution of the page that started from `faces`."""
     m, b = s.values["plane"][:3].T, s.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
     x = s.values["x"][:, window.pose]
@@ -194,37 +160,104 @@ def merged_faces(window, faces: Faces) -> Faces:
     return replace(faces, plane=label[plane], n=mean, b=b)
 
 
-def extended_faces(job, faces: Faces | None, samples: int) -> Faces:
-    """Return the planes and poses for the first `samples` samples of a job."""
-    data = samples_until(job.data, samples)
+def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
+    """Return planes and poses for the first `samples` samples of a job, the best first.
+
+    kept: those of the actions before, each of which is continued; none: from the first
+    touch.  At most HYPOTHESES whose turns differ, at most BEHIND the best.
+    """
+    data, levels = samples_until(job.data, samples), polytope_planes.LEVELS
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
-    start = (
-        first_faces(window, samples, job.shape.size_prior[0])
-        if faces is None
-        else continued_faces(window, faces, samples)
-    )
-    fitted = solved_faces(job, window, start, polytope_planes.LEVELS)
+    if kept:
+        starts = [x for one in kept for x in extensions(job, window, one, samples)]
+        starts = [merged_faces(window, start) for start in best_of(starts)]
+        ways = [(start, part) for start in starts for part in (levels, levels[1:])]
+    else:
+        paths = predicted_paths(job, window, None, samples)
+        ways = [(first_faces(window, x), levels) for x in paths]
+    fits = []
+    for start, part in ways:
+        if fits and job.deadline.passed("other paths of an action"):
+            break
+        fits.append(solved_faces(job, window, start, part))
+    joined = [_joined(job, window, fit) for fit in best_of(fits)]
+    return sorted(joined, key=lambda fit: round(fit.objective, 3))
+
+
+def best_of(fits) -> list[Faces]:
+    """Return the best HYPOTHESES whose turns differ, at most BEHIND the best."""
+    best = of_distinct_turns(fits)[:HYPOTHESES]
+    return [fit for fit in best if fit.objective <= best[0].objective + BEHIND]
+
+
+def _joined(job, window, fitted: Faces) -> Faces:
+    """Return the planes with those of one face joined, the body's origin centred."""
     joined = merged_faces(window, fitted)
     if joined is not fitted:
         fitted = solved_faces(job, window, joined, polytope_planes.LEVELS[1:])
     return centred(window, fitted, job.shape.size_prior, job.scene.ground is not None)
 
 
-def first_faces(window, samples: int, size: float) -> Faces:
-    """Return the planes of the first touches as measured, the body at rest.
+def predicted_paths(job, window, faces: Faces | None, samples: int) -> list[np.ndarray]:
+    """Return paths (3, samples) that a body may have taken through a new action.
 
-    It is behind the first touch by a typical size [m].
+    The first one has it at rest.  On the ground others follow from pushes where fingers
+    felt it (felt_pushes.py), for centres of mass and supports that are drawn: about the
+    origin of `faces`; without any, behind the first touch.
     """
-    x, touch = np.zeros((3, samples)), window.touch
+    rest, begin = resting_path(job.shape.size_prior[0], window.touch, faces, samples)
+    if job.scene.ground is None:
+        return [rest]
+    rng, before = np.random.default_rng(0), rest[:, :begin]
+    if faces is None:
+        off = behind_touch(job.shape.size_prior, window.touch, rng) - rest[:2, [begin]]
+    else:
+        off = CENTRE * job.shape.size_prior[0] * rng.normal(size=(2, DRAWN))
+    foot = job.shape.size_prior[0] * rng.uniform(*FOOT, DRAWN)
+    pose = rest[:, [begin]] + np.vstack([off, np.zeros(DRAWN)])
+    paths = pushed_paths(
+        job.data, np.arange(begin, samples), np.vstack([foot, pose]),
+        rng.uniform(*ONSET, DRAWN), friction_of(job.scene),
+    )  # fmt: skip
+    if faces is None:
+        return [rest, *(np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths)]
+    for path, d in zip(paths, off.T, strict=True):  # of the origin, not of the centre
+        path[:2] -= rotate_planar(path[2] - path[2, 0], *d)
+    return [rest, *(np.hstack([before, path]) for path in paths)]
+
+
+def resting_path(size: float, touch, faces: Faces | None, samples: int):
+    """Return the path (3, samples) of a body at rest, and the sample when it begins.
+
+    Before any touch the body is behind the first one by a typical size [m].
+    """
+    if faces is not None:
+        known = faces.x.shape[1]
+        stays = np.repeat(faces.x[:, -1:], samples - known, axis=1)
+        return np.hstack([faces.x, stays]), known - 1
+    x = np.zeros((3, samples))
     behind = (touch.radius[0] + size) * touch.normal[0, :2]
     x[:2] = (touch.p_wf[0, :2] - behind)[:, None]
-    return Faces(*as_measured(window, touch, x), x)
+    return x, touch.sample[0]
 
 
-def continued_faces(window, faces: Faces, samples: int) -> Faces:
-    """Return the planes with those of a new action as measured, the body at rest."""
+def behind_touch(size, touch, rng) -> np.ndarray:
+    """Return places (2, DRAWN) [m] of the centre of mass behind the first touch."""
+    (mean, deviation), across = size, touch.normal[0, :2]
+    way = np.clip(mean + deviation * rng.normal(size=DRAWN), mean * LEAST, mean / LEAST)
+    n = across / max(np.hypot(*across), 1e-9)
+    point = touch.p_wf[0, :2] - touch.radius[0] * across
+    return point[:, None] - way * rotate_planar(rng.uniform(*BEARING, DRAWN), *n)
+
+
+def first_faces(window, x) -> Faces:
+    """Return the planes of the first touches as measured, of a path x (3, T)."""
+    return Faces(*as_measured(window, window.touch, x), x)
+
+
+def continued_faces(window, faces: Faces, x) -> Faces:
+    """Return the planes with those of a new action as measured, of a path x (3, T)."""
     touch, before = window.touch, faces.x.shape[1]
-    x = np.hstack([faces.x, np.repeat(faces.x[:, -1:], samples - before, axis=1)])
     new = touch.sample >= before
     own, n, b = as_measured(window, touch.pick(new), x)
     plane = np.zeros(len(touch), int)
@@ -261,17 +294,3 @@ def touched_halfspaces(window, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
     n = faces.n
     points = contact_points(window.touch, faces.x, n[faces.plane])
     return np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))], points
-
-
-def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
-    """Return half-spaces (n, 4) of the untouched side: a ball, and the ground if any.
-
-    points (k, 3) [m]: where the body was touched.
-    """
-    caps = ball.caps(points)
-    return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
-
-
-def unseen_ball(points, size, ground) -> Ball:
-    """Return the ball that stands for the untouched side of the body."""
-    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)

@@ -3,8 +3,8 @@
 `search_polytope` finds poses and supporting planes action by action (plane_slam.py),
 intersects the half-spaces behind the planes, between the touches and every free finger,
 above the ground and within a ball for the untouched side, and fits vertices and poses
-by the quasi-static page.  Of several numbers of vertices Laplace's evidence chooses:
-corners that no touch asks for go (`likeliest`).
+by the quasi-static page.  Vertices that no touch asks for are removed one after the
+other; fits of most evidence (Laplace) start the page with impulses (`likeliest`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from formulations import polytope_quasi_static
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from ..data.contact_segments import samples_until, without_outliers
-from ..errors import NoContactError, SceneError, TactileError
+from ..errors import NoContactError, TactileError
 from ..geometry.convex_hull import (
     Ball,
     filled,
@@ -26,26 +26,30 @@ from ..geometry.convex_hull import (
     hull_vertices,
     merged,
     nearest,
-    thinned,
+    nearest_in_hull,
+    unseen_ball,
+    unseen_halfspaces,
     vertices_behind,
+    with_counts,
+    without_touch,
 )
 from ..problem.reductions import Reductions, reduce
 from .hypothesis import CLOSED, Hypothesis
 from .local_solve import built_page
-from .margins import DECISIVE
+from .margins import LEAST_MOTION_BEHIND
 from .plane_slam import (
     Faces,
     extended_faces,
     merged_faces,
     touched_halfspaces,
-    unseen_ball,
-    unseen_halfspaces,
 )
 from .solved import Solved, search_settings
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
-BODIES_SOLVED = 2  # by the page, of those whose evidence is much the same
+FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
+FEW = 8  # so few are corners where planes meet
+BODIES_SOLVED = 6  # by the page, of those at most LEAST_MOTION_BEHIND the best
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
 
@@ -98,24 +102,6 @@ def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
     return np.c_[away, np.maximum(b, (points @ away.T).max(axis=0))]
 
 
-def nearest_in_hull(points, centre) -> np.ndarray:
-    """Return the points of the hull of `points` nearest to each centre (n, 3)."""
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) < 4 or spread[-1] < 1e-4:
-        apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
-        return points[np.argmin(apart, axis=1)]
-    return nearest(hull_vertices(points), centre)
-
-
-def check_round_fingertips(scene) -> None:
-    """Raise SceneError unless the fingertips are round."""
-    if scene.finger_length > 0:
-        raise SceneError(
-            "a polytope is estimated with round fingertips only",
-            where="finger_length", got=scene.finger_length, expected="0",
-        )  # fmt: skip
-
-
 def search_polytope(job, kept: list) -> list[Hypothesis]:
     """Return the hypothesis that explains all actions of a job, with least motion.
 
@@ -136,21 +122,22 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
                     continue
                 if faces and job.deadline.passed(f"a search from action {i + 1} on"):
                     break
-                faces[:] = [extended_faces(job, faces[0] if faces else None, last)]
-            return _fitted(job, faces[0])
+                faces[:] = extended_faces(job, faces, last)
+            return _fitted(job, faces)
     except KeyboardInterrupt:
-        kept[:] = [bodies_from(job, one)[0] for one in faces]
+        kept[:] = [unfitted(job, one) for one in faces[:1]]
         raise
 
 
-def _fitted(job, faces: Faces) -> list[Hypothesis]:
+def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
     """Return the bodies of planes, fitted if there is time; they stay at the end."""
     samples = job.data.samples
-    part = replace(job, data=samples_until(job.data, faces.x.shape[1]))
+    part = replace(job, data=samples_until(job.data, several[0].x.shape[1]))
     if job.deadline.passed("a fit of the first polytope"):
-        bodies = bodies_from(job, faces)
+        bodies = [unfitted(job, several[0])]
     else:
-        bodies = fitted_bodies(part, bodies_from(job, faces, job.shape.counts))
+        hulls = [hull for faces in several for hull in hulls_from(job, faces)]
+        bodies = fitted_bodies(part, hulls)
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
@@ -158,36 +145,72 @@ def _fitted(job, faces: Faces) -> list[Hypothesis]:
     ]
 
 
-def fitted_bodies(job, bodies) -> list[Hypothesis]:
-    """Return the bodies fitted; of several numbers of vertices those of most evidence.
+def fitted_bodies(job, hulls) -> list[Hypothesis]:
+    """Return the BODIES_SOLVED of most evidence: the page decides between them."""
+    return [fit.at for fit in likeliest(job, hulls)[:BODIES_SOLVED]]
 
-    These are the best one and others that are at most DECISIVE behind: the page decides
-    between them.
+
+def likeliest(job, hulls) -> list[Solved]:
+    """Return fits of hulls at most LEAST_MOTION_BEHIND in evidence, the best first.
+
+    Of each hull with each number of vertices that the shape may have, from many to few.
+    At a deadline those of the bodies fitted by then, one at least.
     """
-    if not job.shape.counts:
-        return [polished(job, body).at for body in bodies]
-    return [fit.at for fit in likeliest(job, bodies)[:BODIES_SOLVED]]
-
-
-def likeliest(job, bodies) -> list[Solved]:
-    """Return fits of bodies at most DECISIVE behind in evidence, the best first.
-
-    bodies: of one hull the one of most vertices first.  At a deadline those of the
-    bodies fitted by then, one at least.
-    """
-    fits, costs = [], {}  # the latter by path, of the last number of vertices
-    for body in bodies:
-        least = min((lost for lost, _ in fits), default=np.inf)
-        if costs.get(body.path, -np.inf) >= least:  # fewer vertices do not fit better
-            continue
-        if fits and job.deadline.passed("other numbers of vertices"):
-            break
-        fit = polished(job, body)
-        fitted = np.isfinite(fit.cost)  # else it diverged
-        fits.append((fit.cost + fit.occam if fitted else np.inf, fit))
-        costs[body.path] = fit.cost if fitted else -np.inf
+    fits, least, counts = [], np.inf, counts_of(job.shape)
+    for hull in hulls:
+        for by in (by_volume, by_touches):
+            for fit in by(job, hull, counts):
+                if not np.isfinite(fit.cost):  # it diverged
+                    fits.append((np.inf, fit))
+                    continue
+                lost = fit.cost + (fit.occam if job.shape.counts else 0.0)
+                fits.append((lost, fit))
+                least = min(least, lost)
+                if fit.cost > least or job.deadline.passed("other numbers of vertices"):
+                    break  # fewer vertices do not fit better
     fits.sort(key=lambda pair: np.round(pair[0], 3))
-    return [fit for lost, fit in fits if lost <= fits[0][0] + DECISIVE]
+    return [fit for lost, fit in fits if lost <= fits[0][0] + LEAST_MOTION_BEHIND]
+
+
+def counts_of(shape) -> list[int]:
+    """Return the numbers of vertices that a polytope may have, descending."""
+    return sorted(shape.counts or [shape.theta // 3], reverse=True)
+
+
+def by_volume(job, hull: Hypothesis, counts):
+    """Yield fits of a hull with FEW vertices or fewer, without those of least volume.
+
+    counts: descending.  A hull that has so few itself is fitted with all of its own.
+    """
+    corners = hull.theta.reshape(-1, 3)
+    if len(corners) > FEW:
+        counts = [count for count in counts if count <= FEW]
+    for V in with_counts(corners, counts):
+        start = replace(hull, theta=V.ravel())
+        yield polished(job, start, polytope_quasi_static.STARTING)
+
+
+def by_touches(job, hull: Hypothesis, counts):
+    """Yield fits of a hull with more than FEW vertices, each from the one before.
+
+    The first one has FIRST_COUNT: the more vertices, the fewer local optima leave
+    touches unexplained.  A vertex goes without which the hull is as far from the
+    touches as with it (backward elimination).  counts: descending, one at least.
+    """
+    corners = hull.theta.reshape(-1, 3)
+    if len(corners) <= FEW:
+        return
+    (corners,) = with_counts(corners, [max(FIRST_COUNT, counts[0])])
+    h, levels = replace(hull, theta=corners.ravel()), polytope_quasi_static.STARTING
+    fit = polished(job, h, levels)
+    for count in (count for count in counts if count > FEW or count == counts[0]):
+        if not np.isfinite(fit.cost):
+            return
+        centres = fingers_in_body(fit.window.touch, fit.at.x)
+        V = without_touch(fit.at.theta.reshape(-1, 3), centres, count)
+        h = replace(fit.at, theta=filled(V, count).ravel())
+        fit = polished(job, h, levels[1:])
+        yield fit
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
@@ -199,18 +222,17 @@ def has_likely_count(job, h: Hypothesis) -> bool:
         return True
     job = with_credible_touches(replace(job, reductions=Reductions()))
     try:
-        bodies = bodies_from(job, faces_of(job, h), job.shape.counts)
+        hulls = hulls_from(job, faces_of(job, h))
     except TactileError:  # planes of touches that noise moved close no body
         return True
-    return any(fit.at.theta.size == h.theta.size for fit in likeliest(job, bodies))
+    return any(fit.at.theta.size == h.theta.size for fit in likeliest(job, hulls))
 
 
-def bodies_from(job, faces: Faces, counts=()) -> list[Hypothesis]:
-    """Return the bodies of the planes seen so far, as hypotheses.
+def hulls_from(job, faces: Faces) -> list[Hypothesis]:
+    """Return the hulls of the planes seen so far, as hypotheses with many vertices.
 
     One is bounded by a ball on its untouched side; a second one has touched faces only,
-    where planes and ground close it.  counts: numbers of vertices, each of which they
-    have; by default that of the shape.
+    where planes and ground close it.
     """
     data = samples_until(job.data, faces.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
@@ -219,32 +241,24 @@ def bodies_from(job, faces: Faces, counts=()) -> list[Hypothesis]:
     hulls = {("planes",): corners_behind_planes(*arguments)}
     if ground:
         hulls["planes", CLOSED] = corners_behind_planes(*arguments, ball=False)
-    counts = sorted(counts or [job.shape.theta // 3], reverse=True)
     return [
-        Hypothesis(V.ravel(), faces.x, faces.objective, path, faces.iterations)
+        Hypothesis(corners.ravel(), faces.x, faces.objective, path, faces.iterations)
         for path, corners in hulls.items() if corners is not None
-        for V in with_counts(corners, counts)
     ]  # fmt: skip
 
 
-def with_counts(corners, counts) -> list[np.ndarray]:
-    """Return the hull of corners (n, 3) as so many vertices each; counts: descending.
-
-    Vertices that add least volume go one after another, so that a hull of fewer is
-    made of the one before.  No count is taken that a smaller one has room for.
-    """
-    enough = min((count for count in counts if count >= len(corners)), default=np.inf)
-    hulls = []
-    for count in (count for count in counts if count <= enough):
-        corners = thinned(corners, count)
-        hulls.append(filled(corners, count))
-    return hulls
+def unfitted(job, faces: Faces) -> Hypothesis:
+    """Return the hull of the planes seen so far with as many vertices as asked for."""
+    hull, *_ = hulls_from(job, faces)
+    count = counts_of(job.shape)[0]
+    (V,) = with_counts(hull.theta.reshape(-1, 3), [count])
+    return replace(hull, theta=V.ravel())
 
 
-def polished(job, body: Hypothesis) -> Solved:
-    """Return the quasi-static page solved from a body: vertices and poses fitted."""
+def polished(job, body: Hypothesis, levels) -> Solved:
+    """Return levels of the quasi-static page solved from a body: vertices and poses."""
     job = replace(job, page=polytope_quasi_static)
-    built, levels = built_page(job, body), polytope_quasi_static.STARTING
+    built = built_page(job, body)
     start, settings = built.values_at(body), search_settings(job)
     solved = built.solved(job, levels, start, settings=settings)
     iterations = body.iterations + solved.solution.iterations
@@ -277,4 +291,4 @@ def faces_of(job, h: Hypothesis) -> Faces:
     n = centre - point
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     b, plane = (n * point).sum(axis=1), np.arange(len(n))
-    return merged_faces(window, Faces(plane, n, b, h.x))
+    return merged_faces(window, Faces(plane, n, b, h.x, objective=0.0))

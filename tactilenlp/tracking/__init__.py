@@ -4,6 +4,7 @@ In: starts of bodies, measurements, scene.  Out: smoothed trajectories, with evi
 
 - `geometry`, `mapped`: gaps and normals of fingers at many bodies, compiled
 - `pushing`, `filter_steps`: quasi-static pushing; prediction and correction, compiled
+- `felt_pushes`: quasi-static pushing of bodies that are known where they are felt alone
 - `process_noise`: how a body may move otherwise than predicted
 - `first_touch`: where a body may be by the first touch, or after a gap
 - `tracks`: what a track is; selection by evidence, splitting

@@ -58,15 +58,15 @@ class _Push:
     """One finger at a body z (n + 3,): two directions of force and what they ask for.
 
     direction: generalised forces (3,) per force; wanted [m]; force [weights] so far;
-    at: where it touches, x, y [m], body frame.
+    at: where it touches, x, y [m], body frame.  q (2,), n (3,): the finger's centre and
+    the outward normal there, body frame; gap [m].
     """
 
-    def __init__(self, shape, z, move: Move):
-        q, gap, n = upright_contact(shape, z, move.p_1, move.radius)
+    def __init__(self, z, move: Move, q, gap, n):
         u = in_body(z, move.p_1) - in_body(z, move.p_0)
         level = ca.sqrt(n[0] ** 2 + n[1] ** 2 + TINY)
         self.steep, self.press = level > STEEP, move.press
-        approach = -(n[0] * u[0] + n[1] * u[1] + n[2] * (move.p_1 - move.p_0)[2])
+        approach = approach_of(z, move, n)
         depth = ca.fmin(-gap, ca.fmax(approach, 0) + MOST_OVERLAP)
         met = ca.fmin(ca.fmax(-gap / ca.fmax(approach, APPROACHING), 0), 1)
         met = ca.if_else(approach > APPROACHING, met, 1)
@@ -127,9 +127,36 @@ def pushed(shape, z, moves: list[Move], before, friction):
     moves: of the fingers that touch; before (3,): the motion of the sample before;
     friction: of the ground, of the fingers.
     """
+    contacts = [upright_contact(shape, z, move.p_1, move.radius) for move in moves]
+    pushes = [_Push(z, m, *met) for m, met in zip(moves, contacts, strict=True)]
+    return _motion(z, feet_of(shape, z), pushes, before, friction)
+
+
+def pushed_as_felt(z, moves: list[Move], normals, shares, before, friction):
+    """Return the motion (3,) of a body whose surface is known where it is felt alone.
+
+    z (4,): half the width of its support [m], pose of its centre of mass; normals
+    [(3,)]: outward, world frame, as felt; shares [-]: of the way of each finger during
+    which it touches.  The others as of `pushed`.
+    """
+    pushes = []
+    for move, normal, share in zip(moves, normals, shares, strict=True):
+        n = turned(normal, -z[-1])
+        gap = -share * ca.fmax(approach_of(z, move, n), 0)
+        pushes.append(_Push(z, move, in_body(z, move.p_1), gap, n))
+    return _motion(z, (z[0], z[0]), pushes, before, friction)
+
+
+def approach_of(z, move: Move, n):
+    """Return the way [m] of a finger against an outward normal n (3,), body frame."""
+    u = in_body(z, move.p_1) - in_body(z, move.p_0)
+    return -(n[0] * u[0] + n[1] * u[1] + n[2] * (move.p_1 - move.p_0)[2])
+
+
+def _motion(z, feet, pushes, before, friction):
+    """Return the motion (3,) [m, m, rad] of a body on its feet, world frame."""
     mu_g, mu_f = friction
-    pushes = [_Push(shape, z, move) for move in moves]
-    compliance = _compliance(feet_of(shape, z), pushes, turned(before, -z[-1]), mu_g)
+    compliance = _compliance(feet, pushes, turned(before, -z[-1]), mu_g)
     for push in pushes:
         push.meet(compliance)
     D = ca.SX.zeros(3)

@@ -102,10 +102,6 @@ def filter_of(job, data) -> KalmanFilter:
     Where the fingers are not known, gaps tell less.
     """
     scene = job.scene
-    friction = (
-        scene.friction_ground or FRICTION_GROUND,
-        (FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger),
-    )
     place = np.hypot(job.precision.position, scene.typical_offset)
     noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, job.precision.normal)
     n = job.shape.theta
@@ -113,9 +109,15 @@ def filter_of(job, data) -> KalmanFilter:
     felt = lasting_contacts(data)
     begin_compilation(job.shape, data.fingers)
     return KalmanFilter(
-        data, felt, unseen_contact(data), noise, friction, low, coasts(scene),
+        data, felt, unseen_contact(data), noise, friction_of(scene), low, coasts(scene),
         job.deadline, geometry_of(job.shape), job.process_noise,
     )  # fmt: skip
+
+
+def friction_of(scene) -> tuple[float, float]:
+    """Return the friction of the ground and of the fingers: typical where not known."""
+    finger = FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger
+    return scene.friction_ground or FRICTION_GROUND, finger
 
 
 def started(z, P, fingers: int, rng) -> Tracks:

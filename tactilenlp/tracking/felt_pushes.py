@@ -1,0 +1,69 @@
+"""Predict how fingers push a body of unknown shape, which is known where it is felt.
+
+Quasi-static pushing asks of a body for the point and the normal of each contact, for
+its centre of mass and for the width of its support (pushing.py).  The first two are
+measured; the others differ between the bodies that are moved side by side.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from .mapped import MappedFunction, mapped, of_columns
+from .pushing import Move, pushed_as_felt
+from .tracks import PRESS
+
+
+def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
+    """Return paths (S, 3, samples) [m, m, rad] of bodies through samples of one action.
+
+    z (4, S): half the width of the support [m], and the pose of the centre of mass at
+    the first sample; onset (S,) [-]: of the way of a finger between the two samples
+    where a touch begins, the part during which it touches; friction: ground, fingers.
+    """
+    foot, pose, motion = z[:1], z[1:], np.zeros_like(z[1:])
+    paths = np.empty((*pose.T.shape, len(samples)))
+    paths[:, :, 0] = pose.T
+    touched = data.contact & data.valid
+    for k, t in enumerate(samples[1:], 1):
+        active = np.flatnonzero(touched[t])
+        if len(active):
+            step = _step_of(data, t, active, touched[t - 1], onset)
+            state = np.vstack([foot, pose])
+            (motion,) = _push(len(active))(state, motion, *step, np.array(friction))
+            pose = pose + motion
+        else:
+            motion = np.zeros_like(motion)
+        paths[:, :, k] = pose.T
+    return paths
+
+
+def _step_of(data, t, active, before, onset) -> tuple:
+    """Return ways of active fingers, normals, and shares of the ways (fingers, S)."""
+    p, radius = data.finger_position, data.finger_radius
+    ways = np.concatenate([[*p[t - 1, f], *p[t, f], radius[f]] for f in active])
+    shares = np.where(before[active, None], 1.0, onset)
+    return ways, data.normal[t, active].ravel(), shares
+
+
+@cache
+def _push(fingers: int) -> MappedFunction:
+    """Return the motion of one body by so many fingers, for many bodies."""
+    z, before, share = (
+        ca.SX.sym("z", 4),
+        ca.SX.sym("before", 3),
+        ca.SX.sym("s", fingers),
+    )
+    ways, normals = ca.SX.sym("ways", 7, fingers), ca.SX.sym("n", 3, fingers)
+    friction = ca.SX.sym("mu", 2)
+    moves = [Move(w[:3], w[3:6], w[6], PRESS[0]) for w in ca.horzsplit(ways)]
+    n, shares = ca.horzsplit(normals), ca.vertsplit(share)
+    motion = pushed_as_felt(z, moves, n, shares, before, ca.vertsplit(friction))
+    arguments = z, before, ca.vec(ways), ca.vec(normals), share, friction
+    whole = ca.Function("felt", arguments, [motion])
+    return mapped(("felt",), whole, lambda: [of_columns("felt", arguments, [motion])])[
+        0
+    ]
