@@ -8,6 +8,6 @@ a shape and a trajectory.  Boxes: multi-hypothesis tracking, then multistart.
 - `proposals_surface`: bodies of any class that explain the first touch
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
 - `solved`, `local_solve`, `multistart`: the page solved from starts
-- `plane_slam`, `polytope_init`: planes and poses of a polytope, then its vertices, as
-  many as the evidence asks for
+- `plane_slam`: several hypotheses of planes and poses of a polytope, along paths that
+  pushes predict; `polytope_init`: its vertices, as many as the evidence asks for
 """

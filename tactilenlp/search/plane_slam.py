@@ -36,10 +36,10 @@ HYPOTHESES, BEHIND = (
     6.0,
 )  # continued after an action; [nats] behind the best, at most
 AGREED = 2  # paths that lead to the best optimum: no others are tried
-DRAWN = 15  # paths of an action that are predicted
+PATHS = 15  # paths of an action that are predicted
 # What differs between these; sizes are the typical one:
 CENTRE = 0.15  # [sizes] deviation of a centre of mass
-LEAST = 0.4  # [-] of the typical distance from the first touch to it; 1 / LEAST at most
+NEAREST = 0.4  # [-] of the typical distance from the first touch to it; 1 / NEAREST at most
 BEARING = -0.7, 0.7  # [rad] from the normal of the first touch
 FOOT = 0.25, 0.9  # [sizes] half the width of the support
 ONSET = 0.3, 1.0  # [-] part of a sample during which a touch that begins pushes
@@ -212,12 +212,12 @@ def predicted_paths(job, window, faces: Faces | None, samples: int) -> list[np.n
     if faces is None:
         off = behind_touch(job.shape.size_prior, window.touch, rng) - rest[:2, [begin]]
     else:
-        off = CENTRE * job.shape.size_prior[0] * rng.normal(size=(2, DRAWN))
-    foot = job.shape.size_prior[0] * rng.uniform(*FOOT, DRAWN)
-    pose = rest[:, [begin]] + np.vstack([off, np.zeros(DRAWN)])
+        off = CENTRE * job.shape.size_prior[0] * rng.normal(size=(2, PATHS))
+    foot = job.shape.size_prior[0] * rng.uniform(*FOOT, PATHS)
+    pose = rest[:, [begin]] + np.vstack([off, np.zeros(PATHS)])
     paths = pushed_paths(
         job.data, np.arange(begin, samples), np.vstack([foot, pose]),
-        rng.uniform(*ONSET, DRAWN), friction_of(job.scene),
+        rng.uniform(*ONSET, PATHS), friction_of(job.scene),
     )  # fmt: skip
     if faces is None:
         return [rest, *(np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths)]
@@ -242,12 +242,12 @@ def resting_path(size: float, touch, faces: Faces | None, samples: int):
 
 
 def behind_touch(size, touch, rng) -> np.ndarray:
-    """Return places (2, DRAWN) [m] of the centre of mass behind the first touch."""
+    """Return places (2, PATHS) [m] of the centre of mass behind the first touch."""
     (mean, deviation), across = size, touch.normal[0, :2]
-    way = np.clip(mean + deviation * rng.normal(size=DRAWN), mean * LEAST, mean / LEAST)
+    way = np.clip(mean + deviation * rng.normal(size=PATHS), mean * NEAREST, mean / NEAREST)
     n = across / max(np.hypot(*across), 1e-9)
     point = touch.p_wf[0, :2] - touch.radius[0] * across
-    return point[:, None] - way * rotate_planar(rng.uniform(*BEARING, DRAWN), *n)
+    return point[:, None] - way * rotate_planar(rng.uniform(*BEARING, PATHS), *n)
 
 
 def first_faces(window, x) -> Faces:
