@@ -39,7 +39,7 @@ AGREED = 2  # paths that lead to the best optimum: no others are tried
 PATHS = 15  # paths of an action that are predicted
 # What differs between these; sizes are the typical one:
 CENTRE = 0.15  # [sizes] deviation of a centre of mass
-NEAREST = 0.4  # [-] of the typical distance from the first touch to it; 1 / NEAREST at most
+NEAREST = 0.4  # [-] of the typical distance from the first touch to it; to 1 / this
 BEARING = -0.7, 0.7  # [rad] from the normal of the first touch
 FOOT = 0.25, 0.9  # [sizes] half the width of the support
 ONSET = 0.3, 1.0  # [-] part of a sample during which a touch that begins pushes
@@ -244,7 +244,8 @@ def resting_path(size: float, touch, faces: Faces | None, samples: int):
 def behind_touch(size, touch, rng) -> np.ndarray:
     """Return places (2, PATHS) [m] of the centre of mass behind the first touch."""
     (mean, deviation), across = size, touch.normal[0, :2]
-    way = np.clip(mean + deviation * rng.normal(size=PATHS), mean * NEAREST, mean / NEAREST)
+    way = mean + deviation * rng.normal(size=PATHS)
+    way = np.clip(way, mean * NEAREST, mean / NEAREST)
     n = across / max(np.hypot(*across), 1e-9)
     point = touch.p_wf[0, :2] - touch.radius[0] * across
     return point[:, None] - way * rotate_planar(rng.uniform(*BEARING, PATHS), *n)
