@@ -66,7 +66,7 @@ def test_touched_faces_are_those_that_were_felt_on_a_tilted_ground(slid):
     planes = estimate.supporting_planes()
     alike = (planes.normal @ felt.T).max(axis=1)  # cosine to the closest felt normal
     assert alike[planes.touches > 0].min() > 0.98
-    faces = R.apply(body.face_normals)
+    faces = R.apply(np.array(body.face_normals))
     faces = faces[(faces @ felt.T > 0.98).any(axis=1)]  # that were truly felt: four
     touched = planes.normal[planes.touches > 0]
     assert len(faces) == 4
