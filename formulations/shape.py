@@ -78,16 +78,13 @@ class Shape:
     mirrored: whether the opposites of its corners may come to rest on the ground, too.
     quantities: (name, function of theta) to ask for in the information, the sizes
     first; without it, `information.sigma("sizes")` is that of theta.
-
     What differs between classes of shapes:
-    opposite_faces: whether theta (3,) are the distances of opposite faces, across x, y
-    and z, on any of which the body may lie, as a box.  It then starts from the face,
-    edge or top that the first touch met, and touches tell of each size by its faces.
+    opposite_faces: whether theta (3,) are distances of opposite faces, as of a cuboid,
+    on any of which it may lie.  It starts from the face that the first touch met.
     tracked: whether a search tracks sizes and planar poses, and predicts how pushes
     move it; False, of vertices alone: it starts from supporting planes of its touches,
     and one hypothesis is carried to the next action.
-    last_pose_held: whether the body's axes are the world's at the last sample, whose
-    pose is not estimated (vertices leave no other frame).
+    last_pose_held: whether the body's axes are the world's at the last sample.
     window_depends_on_start: whether a page's contacts follow from where theta starts,
     as each reads the vertices near it: each start needs a window of its own.
     counts: numbers of vertices, of which the evidence chooses one; empty: as many as
@@ -136,6 +133,13 @@ class Shape:
         # Functions are kept by shape, of which lists and arrays have no hash.
         for name, value in vars(self).items():
             object.__setattr__(self, name, in_tuples(value))
+        if self.mesh is cuboid_mesh and self.distance is not cuboid_distance:
+            object.__setattr__(self, "mesh", None)  # a copy of CUBOID, no cuboid
+
+    @property
+    def faced(self) -> bool:
+        """Whether theta are distances of opposite faces: of a cuboid, or as told."""
+        return self.opposite_faces or self.distance is cuboid_distance
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -291,7 +295,6 @@ CUBOID = Shape(
     symmetries=axis_relabellings(),
     words=("side x", "side y", "side z"),
     quantities=(("side_lengths", every_size),),
-    opposite_faces=True,
     rounded=faces_inward,
     mesh=cuboid_mesh,
 )

@@ -95,7 +95,9 @@ def shard(folder: Path, seed: int, first: int, count: int, end: float, only) -> 
                 failures.append(_failure(bad, number))
                 counts["failed", type(bad).__name__] += 1
             slowest = max(slowest, (time.monotonic() - began, number))
-    memory = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Not ru_maxrss, which begins with what the process that started this one uses.
+    status = Path("/proc/self/status").read_text()
+    memory = 1024 * int(status.split("VmHWM:")[1].split()[0])
     table = [[*key, n] for key, n in counts.items()]
     return {
         "counts": table, "failures": failures, "memory": memory, "slowest": slowest,

@@ -72,7 +72,7 @@ def about_z(yaw):
 
 def test_only_boxes_have_axes_to_name():
     h = Hypothesis(np.array([0.03, 0.05]), np.zeros((3, 2)), 0.0, ())
-    other = SimpleNamespace(opposite_faces=False)
+    other = SimpleNamespace(faced=False)
     for given in ((CYLINDER, h), (other, h, (h.theta, None))):
         order, S = naming(*given)
         assert order == [0, 1]

@@ -189,7 +189,7 @@ def rounded_distance(theta, q, small):
 @pytest.mark.slow
 def test_a_box_with_rounded_edges_is_named_and_told_by_its_faces_as_a_cuboid(recorded):
     rounded = replace(
-        CUBOID, name="rounded box", distance=rounded_distance, mesh=None,
+        CUBOID, name="rounded box", distance=rounded_distance, opposite_faces=True,
         normal=gradient_normal(rounded_distance), rounded=None,
         corner=lambda theta, s: CUBOID.corner(theta - 2 * EDGE * ca.DM([1, 1, 0]), s),
     )  # fmt: skip

@@ -30,7 +30,7 @@ def round_distance(theta, q, small):
     return ca.fmax(ca.norm_2(q[:2]) - theta[0] / 2, ca.fabs(q[2]) - theta[1] / 2)
 
 
-OWN = replace(CUBOID, mesh=None, opposite_faces=False)
+OWN = CUBOID  # of which a copy with another distance keeps neither corners nor faces
 ELLIPSOID = replace(OWN, name="ellipsoid", distance=distance, corner=foot)
 CYLINDER = replace(OWN, name="cylinder", theta=2, distance=round_distance)
 
@@ -63,3 +63,10 @@ def test_distance_without_zero_is_refused_with_what_to_correct():
     outside = replace(ELLIPSOID, distance=lambda theta, q, small: 1 + ca.norm_2(q))
     with pytest.raises(TactileError, match="correct distance or reach"):
         body_surface(outside, AXES)
+
+
+def test_a_copy_of_the_cuboid_with_another_distance_is_no_box():
+    assert CUBOID.faced
+    assert not ELLIPSOID.faced
+    assert ELLIPSOID.mesh is None
+    assert replace(CUBOID, size_prior=(0.05, 0.02)).faced

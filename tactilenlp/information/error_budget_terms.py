@@ -225,7 +225,7 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     """
     n, k = shape.theta, len(tangent.z)
     total = np.zeros((k, k))
-    if not shape.opposite_faces:
+    if not shape.faced:
         return total
     known = np.asarray(faces) >= KNOWN_FACE
     for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():

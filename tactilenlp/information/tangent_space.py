@@ -157,7 +157,7 @@ def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
     )
     off = deviation[:n] / shape.size_prior[1]
     pose = np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way)
-    if shape.opposite_faces:
+    if shape.faced:
         return unobserved(faces, off, *pose), directions
     sizes = tuple(
         f"{name}: touches leave it open"

@@ -36,7 +36,7 @@ def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
     and rotation (3, 3) at the first sample of an earlier estimate, whose names are kept
     instead.  Other shapes keep their axes.
     """
-    if not shape.opposite_faces:
+    if not shape.faced:
         return [*range(len(h.theta))], np.eye(3)
     R = rotation_at(h, 0)
 
@@ -91,7 +91,7 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     """
     one_prior = all(np.ptp(part) == 0 for part in job.shape.size_prior)
     shipped = name_of(job.page) in FORMULATIONS and one_prior
-    if not (job.shape.opposite_faces and hypotheses) or shipped:
+    if not (job.shape.faced and hypotheses) or shipped:
         return hypotheses
     kept, costs, best = [], [], hypotheses[0]
     for order, S in namings(job.shape, best):

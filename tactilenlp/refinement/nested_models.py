@@ -107,7 +107,7 @@ def _with(name, nuisance, solves, solve) -> list[Solved]:
         freed = [warm_started(larger, best, FREED_MU)]
     if not freed:
         return solves
-    if nuisance.unknown == TURN and job.shape.opposite_faces:
+    if nuisance.unknown == TURN and job.shape.faced:
         freed = _with_open_height(larger, freed)
     gain, needed = _compared(best, freed[0], nuisance, touches.spread)
     if gain <= needed:

@@ -105,7 +105,7 @@ def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
     if sigma[least] < KNOWN_POSITION:
         widest = shape.typical_deviation
         profiles.append(Profile(solved, least, widest, None, seeks))
-    unturned = shape.opposite_faces and faces[:2].max() < KNOWN_FACE
+    unturned = shape.faced and faces[:2].max() < KNOWN_FACE
     if unturned and is_planar(at.x):
         yaw = shape.theta + 2
         profiles.append(Profile(solved, yaw, ANY_YAW, None, False, np.zeros_like))
@@ -120,7 +120,7 @@ def touched_ends(shape, solved) -> np.ndarray | None:
     """
     if shape.last_pose_held:
         return None
-    if not shape.opposite_faces:
+    if not shape.faced:
         return np.zeros((shape.theta, 2), int)
     if rotation_at(solved.at, -1)[2, 2] < VERTICAL:
         return None

@@ -122,7 +122,7 @@ def fits_badly(request, best: Solved) -> bool:
     nobody carries it.  Of a class with sizes that is no box, the class may be wrong.
     """
     job = best.job
-    sought = job.shape.opposite_faces or not job.shape.tracked
+    sought = job.shape.faced or not job.shape.tracked
     sought = sought or isinstance(request.start, Estimate)
     sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):

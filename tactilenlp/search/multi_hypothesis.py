@@ -183,7 +183,7 @@ class TrackedSearch:
         several = [tracks, *self._others]
         tracks = [h for each in zip_longest(*several) for h in each if h][:count]
         one_touch = job.data.actions == 1 and not (kept or job.first)
-        if one_touch and job.shape.opposite_faces:
+        if one_touch and job.shape.faced:
             # Where one touch leaves size and place open, their middle is reported.
             data, sigma = as_spheres(job.data, job.scene), job.precision.normal
             middle = replace(job, first=(centred(data, job.shape, sigma),))
@@ -234,7 +234,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool):
             rows = rows[rows >= done]
             if i and job.deadline.passed(f"a search from action {i + 1} on"):
                 break  # the body stays where it is
-            begun, after_gap = None, job.shape.opposite_faces and (i or done)
+            begun, after_gap = None, job.shape.faced and (i or done)
             if after_gap and carried:
                 *begun, parents = with_carried(ekf, tracks, action, rng)
                 records[-1] = records[-1].selected(parents)
@@ -263,7 +263,7 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
         if job.first:
             (guess,) = job.first
             name, (z, P) = guess[0], from_guess(guess, ekf.geometry, rng)
-        elif job.shape.opposite_faces:
+        elif job.shape.faced:
             z, P = from_first_touch(ekf.data, job.shape, rng, sigma)
         else:
             z, P = from_surface(ekf.data, job.shape, rng)
@@ -273,7 +273,7 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
     earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
-    if job.shape.opposite_faces:
+    if job.shape.faced:
         z[2] = [body_height(ekf.data, job.shape, h, sigma) for h in z[2]]
     tracks = started(z, np.stack(P, axis=2), fingers, rng)
     cost = np.array([h.objective for h in kept])

@@ -164,8 +164,9 @@ def likeliest(job, hulls) -> list[Solved]:
                     fits.append((np.inf, fit))
                     continue
                 lost = fit.cost + (fit.occam if job.shape.counts else 0.0)
-                fits.append((lost, fit))
                 least = min(least, lost)
+                if lost <= least + LEAST_MOTION_BEHIND:
+                    fits.append((lost, fit))
                 if fit.cost > least or job.deadline.passed("other numbers of vertices"):
                     break  # fewer vertices do not fit better
     fits.sort(key=lambda pair: np.round(pair[0], 3))

@@ -87,7 +87,7 @@ def from_guess(guess, geometry, rng):
     """Return states and covariances about a user's guess (name, theta, x)."""
     _, theta, x = guess
     sigma = START_SIGMA
-    if not geometry.shape.opposite_faces:
+    if not geometry.shape.faced:
         sigma = geometry.each(START_SIGMA[0], *START_SIGMA[4:])
     off = sigma[:, None] * rng.normal(size=(len(sigma), DRAWN))
     off[:, 0] = 0.0
