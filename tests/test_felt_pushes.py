@@ -20,7 +20,7 @@ def recorded(fingers, normals, contact) -> SimpleNamespace:
     return SimpleNamespace(
         finger_position=fingers[:, None], normal=normals[:, None],
         contact=contact[:, None], valid=np.ones((len(contact), 1), bool),
-        finger_radius=np.array([RADIUS]),
+        finger_radius=np.array([RADIUS]), action=np.zeros(len(contact), int),
     )  # fmt: skip
 
 
@@ -85,3 +85,13 @@ def test_a_felt_push_is_that_of_the_geometry_where_the_surface_is_known():
     known, as_felt = (np.asarray(out).ravel() for out in both(*args))
     np.testing.assert_allclose(as_felt, known, rtol=0.02, atol=1e-6)
     assert abs(known[2]) > 1e-3
+
+
+def test_the_way_of_a_finger_between_two_actions_pushes_nothing():
+    data = pushes(0.0)
+    data.action[5:] = 1  # its first sample is in contact, far from where it was
+    data.finger_position[5:, 0, 0] += 5e-3
+    (path,) = pushed_paths(data, np.arange(12), states(0.015), np.ones(1), FRICTION)
+    steps = np.diff(path[0])
+    assert steps[4] == 0.0
+    np.testing.assert_allclose(np.delete(steps, 4), 1e-3, rtol=1e-3)

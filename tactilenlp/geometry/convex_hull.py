@@ -243,21 +243,24 @@ def without_touch(vertices, centres, count: int) -> np.ndarray:
     while len(V) > count:
         point, corners = nearest_triangles(V, centres)
         apart = np.linalg.norm(centres - point, axis=1)
+        each, whole = ((corners == i).any(axis=1) for i in range(len(V))), volume(V)
         lost = [
-            _lost(V, i, centres[near], apart[near])
-            for i, near in ((i, (corners == i).any(axis=1)) for i in range(len(V)))
+            _lost(np.delete(V, i, axis=0), whole, centres[near], apart[near])
+            for i, near in enumerate(each)
         ]
         V = np.delete(V, np.argmin(lost), axis=0)
     return V
 
 
-def _lost(V, i: int, centres, apart) -> float:
-    """Return what touches and volume lose without vertex i [nats, share]."""
-    rest = np.delete(V, i, axis=0)
+def _lost(rest, whole: float, centres, apart) -> float:
+    """Return what touches lose [nats] and the share of the volume that the rest lacks.
+
+    whole [m^3]: the volume with all vertices; apart (N,) [m]: of centres from that.
+    """
     left = volume(rest)
     if not left:  # it would be flat
         return np.inf
-    share = 1 - left / volume(V)
+    share = 1 - left / whole
     if not len(centres):
         return share
     farther = np.linalg.norm(centres - nearest(rest, centres), axis=1) - apart

@@ -31,10 +31,8 @@ from ..tracking.tracks import friction_of
 from .solved import search_settings
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
-HYPOTHESES, BEHIND = (
-    2,
-    6.0,
-)  # continued after an action; [nats] behind the best, at most
+HYPOTHESES = 2  # continued after an action, at most
+PLANES_BEHIND = 6.0  # [nats] of these behind the best, at most
 AGREED = 2  # paths that lead to the best optimum: no others are tried
 PATHS = 15  # paths of an action that are predicted
 # What differs between these; sizes are the typical one:
@@ -164,7 +162,7 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     """Return planes and poses for the first `samples` samples of a job, the best first.
 
     kept: those of the actions before, each of which is continued; none: from the first
-    touch.  At most HYPOTHESES whose turns differ, at most BEHIND the best.
+    touch.  At most HYPOTHESES whose turns differ, at most PLANES_BEHIND the best.
     """
     data, levels = samples_until(job.data, samples), polytope_planes.LEVELS
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
@@ -185,9 +183,9 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
 
 
 def best_of(fits) -> list[Faces]:
-    """Return the best HYPOTHESES whose turns differ, at most BEHIND the best."""
+    """Return the best HYPOTHESES whose turns differ, at most PLANES_BEHIND the best."""
     best = of_distinct_turns(fits)[:HYPOTHESES]
-    return [fit for fit in best if fit.objective <= best[0].objective + BEHIND]
+    return [fit for fit in best if fit.objective <= best[0].objective + PLANES_BEHIND]
 
 
 def _joined(job, window, fitted: Faces) -> Faces:

@@ -103,9 +103,9 @@ def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
 
 
 def search_polytope(job, kept: list) -> list[Hypothesis]:
-    """Return the hypothesis that explains all actions of a job, with least motion.
+    """Return hypotheses that explain all actions of a job, with least motion.
 
-    And one of a body whose every face was touched, where planes and ground close one.
+    At most BODIES_SOLVED, those of most evidence first: the page decides between them.
     kept: a hypothesis of the first actions, if any, with any number of vertices; when
     Ctrl-C interrupts, it holds that of the actions done.
     At a deadline the body stays where it is after the actions done.
@@ -122,7 +122,7 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
                     continue
                 if faces and job.deadline.passed(f"a search from action {i + 1} on"):
                     break
-                faces[:] = extended_faces(job, faces, last)
+                faces = extended_faces(job, faces, last)
             return _fitted(job, faces)
     except KeyboardInterrupt:
         kept[:] = [unfitted(job, one) for one in faces[:1]]
@@ -137,17 +137,12 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
         bodies = [unfitted(job, several[0])]
     else:
         hulls = [hull for faces in several for hull in hulls_from(job, faces)]
-        bodies = fitted_bodies(part, hulls)
+        bodies = [fit.at for fit in likeliest(part, hulls)[:BODIES_SOLVED]]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
         for h, stays in zip(bodies, rest, strict=True)
     ]
-
-
-def fitted_bodies(job, hulls) -> list[Hypothesis]:
-    """Return the BODIES_SOLVED of most evidence: the page decides between them."""
-    return [fit.at for fit in likeliest(job, hulls)[:BODIES_SOLVED]]
 
 
 def likeliest(job, hulls) -> list[Solved]:
@@ -157,18 +152,16 @@ def likeliest(job, hulls) -> list[Solved]:
     At a deadline those of the bodies fitted by then, one at least.
     """
     fits, least, counts = [], np.inf, counts_of(job.shape)
-    for hull in hulls:
-        for by in (by_volume, by_touches):
-            for fit in by(job, hull, counts):
-                if not np.isfinite(fit.cost):  # it diverged
-                    fits.append((np.inf, fit))
-                    continue
-                lost = fit.cost + (fit.occam if job.shape.counts else 0.0)
-                least = min(least, lost)
-                if lost <= least + LEAST_MOTION_BEHIND:
-                    fits.append((lost, fit))
-                if fit.cost > least or job.deadline.passed("other numbers of vertices"):
-                    break  # fewer vertices do not fit better
+    for fewer in (by(job, h, counts) for h in hulls for by in (by_volume, by_touches)):
+        for fit in fewer:
+            if not np.isfinite(fit.cost):  # it diverged
+                fits.append((np.inf, fit))
+                continue
+            lost = fit.cost + (fit.occam if job.shape.counts else 0.0)
+            fits.append((lost, fit))
+            least = min(least, lost)
+            if fit.cost > least or job.deadline.passed("other numbers of vertices"):
+                break  # fewer vertices do not fit better
     fits.sort(key=lambda pair: np.round(pair[0], 3))
     return [fit for lost, fit in fits if lost <= fits[0][0] + LEAST_MOTION_BEHIND]
 
@@ -217,7 +210,8 @@ def by_touches(job, hull: Hypothesis, counts):
 def has_likely_count(job, h: Hypothesis) -> bool:
     """Tell whether evidence asks for no other number of vertices than a hypothesis has.
 
-    job: of its samples.  By the planes that touches have on it.
+    That is, whether fits with as many are among the likeliest, by the planes that
+    touches have on it.  job: of its samples.
     """
     if not job.shape.counts or job.deadline.passed("other numbers of vertices"):
         return True

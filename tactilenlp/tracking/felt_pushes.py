@@ -18,8 +18,9 @@ from .tracks import PRESS
 
 
 def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
-    """Return paths (S, 3, samples) [m, m, rad] of bodies through samples of one action.
+    """Return paths (S, 3, samples) [m, m, rad] of bodies through samples of an action.
 
+    The first sample may be the last one of the action before: in between a body rests.
     z (4, S): half the width of the support [m], and the pose of the centre of mass at
     the first sample; onset (S,) [-]: of the way of a finger between the two samples
     where a touch begins, the part during which it touches; friction: ground, fingers.
@@ -29,7 +30,8 @@ def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
     paths[:, :, 0] = pose.T
     touched = data.contact & data.valid
     for k, t in enumerate(samples[1:], 1):
-        active = np.flatnonzero(touched[t])
+        pushed = touched[t] & (data.action[t] == data.action[t - 1])
+        active = np.flatnonzero(pushed)
         if len(active):
             step = _step_of(data, t, active, touched[t - 1], onset)
             state = np.vstack([foot, pose])
@@ -52,11 +54,8 @@ def _step_of(data, t, active, before, onset) -> tuple:
 @cache
 def _push(fingers: int) -> MappedFunction:
     """Return the motion of one body by so many fingers, for many bodies."""
-    z, before, share = (
-        ca.SX.sym("z", 4),
-        ca.SX.sym("before", 3),
-        ca.SX.sym("s", fingers),
-    )
+    z, before = ca.SX.sym("z", 4), ca.SX.sym("before", 3)
+    share = ca.SX.sym("share", fingers)
     ways, normals = ca.SX.sym("ways", 7, fingers), ca.SX.sym("n", 3, fingers)
     friction = ca.SX.sym("mu", 2)
     moves = [Move(w[:3], w[3:6], w[6], PRESS[0]) for w in ca.horzsplit(ways)]
@@ -64,6 +63,8 @@ def _push(fingers: int) -> MappedFunction:
     motion = pushed_as_felt(z, moves, n, shares, before, ca.vertsplit(friction))
     arguments = z, before, ca.vec(ways), ca.vec(normals), share, friction
     whole = ca.Function("felt", arguments, [motion])
-    return mapped(("felt",), whole, lambda: [of_columns("felt", arguments, [motion])])[
-        0
-    ]
+
+    def derive():
+        return [of_columns("felt", arguments, [motion])]
+
+    return mapped(("felt",), whole, derive)[0]
