@@ -74,11 +74,12 @@ def reduced_job(request: Request) -> Job:
 
 def _search_vertices(job, plane, incumbents) -> list[Hypothesis]:
     """Return hypotheses of a polytope: poses and planes, then its vertices."""
+    kept, keep = incumbents.kept, incumbents.keep
     if plane is None:
-        return search_polytope(job, incumbents.kept)
-    incumbents.keep(in_plane(h, plane) for h in incumbents.kept)
-    hypotheses = search_polytope(job, incumbents.kept)
-    other, *_ = search_polytope(with_tilted_normals(job), incumbents.kept)
+        return search_polytope(job, kept, keep)
+    kept = [in_plane(h, plane) for h in kept]
+    hypotheses = search_polytope(job, kept, keep)
+    other, *_ = search_polytope(with_tilted_normals(job), kept, keep)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*hypotheses, replace(other, objective=hypotheses[0].objective)]
 

@@ -177,12 +177,12 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
         if not _in_time(request):
             return None
         part = replace(request, job=as_found(job, solved))
-        optima = _of_one_search(part, Incumbents(list(kept)))
+        optima = _of_one_search(part, Incumbents(kept))
         if optima.best is None:
             return None
         if doubtful and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
-            better = _better(optima, _of_one_search(rough, Incumbents(list(kept))))
+            better = _better(optima, _of_one_search(rough, Incumbents(kept)))
             doubtful, optima = better is not optima, better
         kept, solved = optima.carried_on(request.widths[0]), optima.best.job
     return optima

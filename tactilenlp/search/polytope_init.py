@@ -102,12 +102,12 @@ def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
     return np.c_[away, np.maximum(b, (points @ away.T).max(axis=0))]
 
 
-def search_polytope(job, kept: list) -> list[Hypothesis]:
+def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
     """Return hypotheses that explain all actions of a job, with least motion.
 
     At most BODIES_SOLVED, those of most evidence first: the page decides between them.
-    kept: a hypothesis of the first actions, if any, with any number of vertices; when
-    Ctrl-C interrupts, it holds that of the actions done.
+    kept: a hypothesis of the first actions, if any, with any number of vertices;
+    keep(hypotheses): is called with that of the actions done by Ctrl-C.
     At a deadline the body stays where it is after the actions done.
     Raises NoContactError where no touch is credible.
     """
@@ -125,7 +125,7 @@ def search_polytope(job, kept: list) -> list[Hypothesis]:
                 faces = extended_faces(job, faces, last)
             return _fitted(job, faces)
     except KeyboardInterrupt:
-        kept[:] = [unfitted(job, one) for one in faces[:1]]
+        keep([unfitted(job, one) for one in faces[:1]])
         raise
 
 
