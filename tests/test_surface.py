@@ -30,9 +30,9 @@ def round_distance(theta, q, small):
     return ca.fmax(ca.norm_2(q[:2]) - theta[0] / 2, ca.fabs(q[2]) - theta[1] / 2)
 
 
-OWN = CUBOID  # of which a copy with another distance keeps neither corners nor faces
-ELLIPSOID = replace(OWN, name="ellipsoid", distance=distance, corner=foot)
-CYLINDER = replace(OWN, name="cylinder", theta=2, distance=round_distance)
+# A copy of CUBOID with another distance keeps neither its corners nor its faces.
+ELLIPSOID = replace(CUBOID, name="ellipsoid", distance=distance, corner=foot)
+CYLINDER = replace(CUBOID, name="cylinder", theta=2, distance=round_distance)
 
 
 def test_surface_of_ellipsoid_is_where_its_distance_is_zero():
