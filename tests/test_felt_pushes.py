@@ -15,21 +15,16 @@ FRICTION = (0.3, 0.5)
 SIDES = [2 * HALF, 2 * HALF, 0.03]
 
 
-def recorded(fingers, normals, contact) -> SimpleNamespace:
-    """Return measurements of one finger (T, 3) with normals and contacts (T,)."""
+def pushes(offset):
+    """Return what one finger feels at an offset [m] as it pushes 12 samples along x."""
+    k = np.arange(12)[:, None]
+    x = -HALF - RADIUS + 1e-3 * k
     return SimpleNamespace(
-        finger_position=fingers[:, None], normal=normals[:, None],
-        contact=contact[:, None], valid=np.ones((len(contact), 1), bool),
-        finger_radius=np.array([RADIUS]), action=np.zeros(len(contact), int),
+        finger_position=np.stack([x, 0 * x + offset, 0 * x + 0.01], axis=2),
+        normal=np.tile([-1.0, 0.0, 0.0], (12, 1, 1)), contact=k > 0,
+        valid=np.ones((12, 1), bool), finger_radius=np.array([RADIUS]),
+        action=np.zeros(12, int),
     )  # fmt: skip
-
-
-def pushes(offset, steps=12, way=1e-3):
-    """Return a push along x at an offset [m] from a body at the origin."""
-    x = -HALF - RADIUS + way * np.arange(steps)
-    fingers = np.stack([x, np.full(steps, offset), np.full(steps, 0.01)], 1)
-    normals = np.tile([-1.0, 0.0, 0.0], (steps, 1))
-    return recorded(fingers, normals, np.arange(steps) > 0)
 
 
 def states(*feet):
@@ -65,8 +60,8 @@ def test_a_touch_that_begins_late_pushes_less_and_none_moves_nothing():
     onset = np.array([1.0, 0.25])
     whole, late = pushed_paths(data, np.arange(12), states(0.01, 0.01), onset, FRICTION)
     assert whole[0, 1] - late[0, 1] == pytest.approx(0.75e-3, rel=1e-6)
-    free = recorded(data.finger_position[:, 0], data.normal[:, 0], np.zeros(12, bool))
-    still = pushed_paths(free, np.arange(12), states(0.01), np.ones(1), FRICTION)
+    data.contact[:] = False
+    still = pushed_paths(data, np.arange(12), states(0.01), np.ones(1), FRICTION)
     assert not still.any()
 
 
