@@ -149,11 +149,8 @@ def test_a_guess_is_as_uncertain_as_the_units_of_its_class_say():
         units=("m", "m", "rad"),
         size_prior=(0.045, (0.02, 0.02, 1.0)),
     )
-    guess, rng = (
-        ("guess", np.array([0.05, 0.04, 0.5]), np.zeros(3)),
-        np.random.default_rng(0),
-    )
-    z, P = from_guess(guess, geometry_of(wedge), rng)
+    guess = "guess", np.array([0.05, 0.04, 0.5]), np.zeros(3)
+    z, P = from_guess(guess, geometry_of(wedge), np.random.default_rng(0))
     assert np.sqrt(P[2, 2, 0]) == pytest.approx(50 * np.sqrt(P[0, 0, 0]))
     assert z[2].std() == pytest.approx(0.3, rel=0.1)
 
