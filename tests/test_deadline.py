@@ -36,6 +36,19 @@ def test_a_part_never_ends_after_the_whole_and_shares_what_is_recorded():
     assert not NEVER.omitted
 
 
+def test_an_infinite_time_limit_ends_nothing():
+    never = Deadline.within(math.inf)
+    for share in (0.0, 0.1, 1.0):
+        at = never.before_end(math.inf - share * math.inf)
+        assert never.until(at).left == math.inf
+    limited = Deadline.within(60.0)
+    assert limited.before_end(6.0) == limited.at - 6.0
+    file = example_recording()
+    data = Measurements.load(file).select([0, 1])
+    found = solve_estimate(data, Scene.load(file), options=Options(time_limit=math.inf))
+    assert "time limit" not in found.status
+
+
 def test_only_a_strict_deadline_ends_a_computation_and_records_which():
     whole = Deadline.within(60.0)
     whole.until(0.0).check()

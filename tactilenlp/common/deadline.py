@@ -58,6 +58,13 @@ class Deadline:
         """Return the deadline of a part of the computation, never later than all."""
         return replace(self, at=min(at, self.at), strict=strict)
 
+    def before_end(self, seconds: float) -> float:
+        """Return when so long [s] is left, of time.monotonic(); never without an end.
+
+        seconds may be a share of an infinite limit: infinite, or no number.
+        """
+        return self.at if math.isinf(self.at) else self.at - seconds
+
     @property
     def left(self) -> float:
         """The time [s] that is left, at least 0."""

@@ -101,7 +101,8 @@ def coarse_request(request: Request, rows) -> Request:
     hypotheses are carried on.
     """
     limit, deadline = request.job.options.time_limit, request.job.deadline
-    early = deadline.until(deadline.at - (1 - TIME_SHARE) * limit, deadline.strict)
+    early = deadline.before_end((1 - TIME_SHARE) * limit)
+    early = deadline.until(early, deadline.strict)
     options = replace(request.job.options, time_limit=TIME_SHARE * limit)
     job = request.job.of_data(partial(_at_rows, rows=rows))
     job = replace(job, deadline=early, options=options)

@@ -69,7 +69,7 @@ def identify_body(
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options, time_limit)
     began, deadline = time.process_time(), Deadline.within(time_limit)
-    solves = deadline.until(deadline.at - READOUT_SHARE * time_limit)
+    solves = deadline.until(deadline.before_end(READOUT_SHARE * time_limit))
     with deadline.spending(STARTS):
         steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
     options = replace(options, deadline=solves.until(options.deadline.at))

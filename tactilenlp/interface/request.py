@@ -63,7 +63,7 @@ class Request:
         limit = self.job.options.time_limit
         reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
         whole = limit - min(reserve, limit / 3)
-        return self.job.deadline.at - limit + share * whole
+        return self.job.deadline.before_end(limit - share * whole)
 
     def job_until(self, share: float, strict: bool = True) -> Job:
         """Return the job with an earlier deadline (time_at), at which a solve ends."""
