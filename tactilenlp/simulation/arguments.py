@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..common.validation import (
-    as_floats,
-    checked_unit,
-    numbers_of,
-)
+from ..common.validation import as_floats, checked_unit, numbers_of
 from ..data.measurements import UNIT_TOLERANCE
 from ..errors import SceneError, shortened
 from ..geometry.convex_hull import centroid
@@ -19,7 +15,7 @@ MAX_SIDE = 5.0  # [m] of a box: larger values are most likely millimetres
 MAX_DEPTH = 1e-5  # [m] below the ground at first: from deeper, the body jumps up
 LONGEST_REST = 30.0  # [s] before the first action: 120 000 steps, computed at once
 ABOVE_ZERO = np.finfo(float).tiny  # the least number that MuJoCo can divide by
-WORLD_NUMBERS = {  # in words, the least, and what is too large
+WORLD_NUMBERS = {  # in words, the least and the most
     "mass": ("a mass above 0 kg", ABOVE_ZERO, np.inf),
     "friction_ground": ("a coefficient of 0 or more", 0.0, np.inf),
     "friction_finger": ("a coefficient of 0 or more", 0.0, np.inf),
@@ -27,18 +23,16 @@ WORLD_NUMBERS = {  # in words, the least, and what is too large
     "max_force": ("a force above 0 N", ABOVE_ZERO, np.inf),
     "contact_force": ("a force of 0 N or more", 0.0, np.inf),
     "settle": (
-        f"a time of 0 s or more, at most {LONGEST_REST:g} s",
-        *(0.0, np.nextafter(LONGEST_REST, np.inf)),
+        f"a time of 0 s or more, at most {LONGEST_REST:g} s", 0.0, LONGEST_REST,
     ),
     "rate": (
         f"above 0 Hz, at most {1 / TIME_STEP:.0f} Hz, one sample a step of the solver",
-        *(ABOVE_ZERO, np.nextafter(1 / TIME_STEP, np.inf)),
+        ABOVE_ZERO, 1 / TIME_STEP,
     ),
     "restitution": (
-        f"a coefficient of 0 or more, at most {MAX_RESTITUTION}",
-        *(0.0, np.nextafter(MAX_RESTITUTION, np.inf)),
+        f"a coefficient of 0 or more, at most {MAX_RESTITUTION}", 0.0, MAX_RESTITUTION,
     ),
-}
+}  # fmt: skip
 
 
 def pose_of(position, quaternion, corners: np.ndarray, ground: float | None):

@@ -111,8 +111,9 @@ class World:
                 "side_lengths, vertices", "one of the two", "both or neither"
             )
         check_types(noise=(self.noise, Noise))
-        for name, limits in WORLD_NUMBERS.items():
-            setattr(self, name, scene_number(name, getattr(self, name), *limits))
+        for name, (expected, low, most) in WORLD_NUMBERS.items():
+            given = getattr(self, name), expected, low, np.nextafter(most, np.inf)
+            setattr(self, name, scene_number(name, *given))
         if self.ground is not None or self.gravity > 0:
             self.ground = scene_number("ground", self.ground, "a height [m]")
         self.finger_radius = checked_lengths("finger_radius", self.finger_radius)
