@@ -93,7 +93,7 @@ def test_an_update_of_a_polytope_is_searched_with_all_actions(recorded, touched)
 
 
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
-    request_of_one_action, touched, monkeypatch
+    request_of_one_action, touched
 ):
     asked, verdict, moved, balance = request_of_one_action, "poor", 0.0, 0.0
     problem = SimpleNamespace(
@@ -101,20 +101,16 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
         pack=lambda _: None, data=lambda _: None,
     )  # fmt: skip
 
-    def fit(
-        problem, solution, window, *_
-    ):  # which judges no physics of soft fingertips
-        physics = {} if window.compliant else {PHYSICS_ROW: Misfit(balance, 2.0, 1.0)}
-        return SimpleNamespace(verdict=verdict, terms=physics)
-
-    monkeypatch.setattr(refinement, "fit_of", fit)
-
     def searched(request, success=True, soft=False, **job):
         job = replace(request.job, **job)
         solution = SimpleNamespace(success=success, at=lambda problem: (None, None))
-        window = SimpleNamespace(gap=[1, 2], compliant=soft)
-        best = SimpleNamespace(job=job, solution=solution, problem=problem)
-        best.window = window
+        # The fit judges no physics of soft fingertips.
+        physics = {} if soft else {PHYSICS_ROW: Misfit(balance, 2.0, 1.0)}
+        best = SimpleNamespace(
+            job=job, solution=solution, problem=problem,
+            window=SimpleNamespace(gap=[1, 2]),
+            fit=SimpleNamespace(verdict=verdict, terms=physics),
+        )  # fmt: skip
         return refinement.fits_badly(request, best)
 
     assert searched(asked)

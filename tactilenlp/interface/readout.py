@@ -15,13 +15,12 @@ from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
 from ..data.mistakes import suspected
-from ..data.sensor_noise import in_time, variance_left, with_fingers_earlier
+from ..data.sensor_noise import in_time, with_fingers_earlier
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
 from ..information.error_budget import OF_PRIORS, Linearisation, variances_by_name
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
-from ..information.goodness_of_fit import fit_of
 from ..information.information import Information, information_of
 from ..information.mixture import one_mode
 from ..information.polytope_information import polytope_information, touched_polygons
@@ -79,9 +78,7 @@ def read_off(
 
 def fit_of_page(solved, job, measured):
     """Return the Fit of a solved page, if it states one; measured: as it was given."""
-    left = variance_left(job.data, job.precision)
-    fit = fit_of(solved.problem, solved.solution, solved.window, job.data, left)
-    fit = with_doubts(fit, solved.skipped)
+    fit = with_doubts(solved.fit, solved.skipped)
     return with_suspicion(fit, job, measured) if solved.solution.success else fit
 
 

@@ -11,9 +11,9 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..data.contact_segments import consecutive_contacts
-from ..data.sensor_noise import precise, variance_left
+from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
-from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, fit_of
+from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW
 from ..interface.result import Estimate
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
@@ -127,10 +127,7 @@ def fits_badly(request, best: Solved) -> bool:
     sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):
         return False
-    problem, solution = best.problem, best.solution
-    fit = fit_of(
-        problem, solution, best.window, job.data, variance_left(job.data, job.precision)
-    )
+    problem, fit = best.problem, best.fit
     if fit is not None and fit.verdict != "good":
         return True
     # Of 96 clean boxes physics costs 5 to 14 nats on the poses of the four that were
@@ -142,7 +139,7 @@ def fits_badly(request, best: Solved) -> bool:
         return True
     if BETWEEN_ACTIONS not in problem.costs or not len(best.window.gap):
         return False
-    x, data = solution.at(problem)
+    x, data = best.solution.at(problem)
     return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)
 
 

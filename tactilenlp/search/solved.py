@@ -10,7 +10,9 @@ import numpy as np
 from formulations.finger_offset import NAME as OFFSET
 
 from ..data.ground import frame_of
+from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
+from ..information.goodness_of_fit import Fit, fit_of
 from ..information.information import FACE_COSINE
 from ..information.mixture import LocalOptimum, optimum_of
 from ..information.polytope_information import occam_of_hull, tangent_space_of_hull
@@ -139,6 +141,13 @@ class Solved:
     def occam(self) -> float:
         """What the evidence loses by vertices whose number it chooses [nats]."""
         return occam_of_hull(self.kkt) if self.job.shape.counts else 0.0
+
+    @property
+    def fit(self) -> Fit | None:
+        """How well it explains its data; None of a page of another touch likelihood."""
+        job = self.job
+        left = variance_left(job.data, job.precision)
+        return fit_of(self.problem, self.solution, self.window, job.data, left)
 
     @property
     def touched(self) -> np.ndarray:
