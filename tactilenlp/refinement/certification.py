@@ -39,8 +39,7 @@ def checked(solved, executor=None) -> Solved:
     if rocked is not best:
         rocked = with_ground_tilt([rocked])[0]
     fell = fell and not (rocked is not best and explained(rocked))
-    fell = fell and job.shape.faced
-    if fell and not job.deadline.passed("a tumble"):
+    if fell and job.shape.faced and not job.deadline.passed("a tumble"):
         tumbled = _tumbled(job, best, executor)
         if tumbled.rank < rocked.rank:
             return tumbled

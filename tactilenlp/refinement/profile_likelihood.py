@@ -105,8 +105,7 @@ def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
     if sigma[least] < KNOWN_POSITION:
         widest = shape.typical_deviation
         profiles.append(Profile(solved, least, widest, None, seeks))
-    unturned = shape.faced and faces[:2].max() < KNOWN_FACE
-    if unturned and is_planar(at.x):
+    if shape.faced and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
         yaw = shape.theta + 2
         profiles.append(Profile(solved, yaw, ANY_YAW, None, False, np.zeros_like))
     return profiles
