@@ -9,9 +9,9 @@ r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
     over theta, x_k, lam_k, indentation, centre of mass    indentation.py,
                                                            centre_of_mass.py
 
-`felt` adds the first line, `physics` the others.  An impulse is compared with the
-weight over its time step, w = m g dt, and an energy with the work of lifting the object
-by a millimetre, which costs kappa nats: mass and time step cancel.
+`add_likelihood` adds the first line, `physics` the others.  An impulse is compared with
+the weight over its time step, w = m g dt, and an energy with the work of lifting the
+object by a millimetre, which costs kappa nats: mass and time step cancel.
 
 Departures from the printed equations:
   eq:loss, sliding on      see likelihood.py and between_actions.py
