@@ -26,7 +26,9 @@ from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.diagnostics import check
 from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
+from tactilenlp.refinement import refinement
 from tactilenlp.search import polytope_init
+from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.polytope_init import likeliest, search_polytope
 
@@ -104,6 +106,12 @@ def fitted_by(monkeypatch, fit):
     monkeypatch.setattr(polytope_init, "by_touches", lambda *_: [])
 
 
+def fit_of(cost: float, occam: float, count: int = 4) -> SimpleNamespace:
+    """Return a fit of a hull, as far as evidence reads it."""
+    at = Hypothesis(np.zeros(3 * count), np.zeros((3, 1)), cost, ())
+    return SimpleNamespace(cost=cost, occam=occam, at=at)
+
+
 def job_of(counts, deadline=NEVER) -> SimpleNamespace:
     """Return a job of which no more than its counts and its deadline are told."""
     return SimpleNamespace(deadline=deadline, shape=SimpleNamespace(counts=counts))
@@ -114,11 +122,11 @@ def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
 
     def fit(count):
         asked.append(count)
-        return SimpleNamespace(cost=5.0 if count >= 8 else 900.0, occam=4.0 * count)
+        return fit_of(cost=5.0 if count >= 8 else 900.0, occam=4.0 * count)
 
     fitted_by(monkeypatch, fit)
     best, *_ = likeliest(job_of(COUNTS), ["hull"])
-    assert best.cost + best.occam == 5.0 + 4.0 * 8
+    assert best.objective == 5.0 + 4.0 * 8
     assert asked == [20, 16, 12, 10, 8, 6]
 
 
@@ -127,7 +135,7 @@ def test_time_that_ends_leaves_the_bodies_fitted_by_then(monkeypatch):
 
     def fit(count):
         asked.append(count)
-        return SimpleNamespace(cost=5.0, occam=1.0)
+        return fit_of(cost=5.0, occam=1.0)
 
     fitted_by(monkeypatch, fit)
     over = Deadline.within(0.0)
@@ -138,20 +146,41 @@ def test_time_that_ends_leaves_the_bodies_fitted_by_then(monkeypatch):
 
 def test_a_fit_that_diverged_is_the_last_and_is_not_linearised(monkeypatch):
     class Diverged:
-        cost = np.nan
+        cost, at = np.nan, fit_of(np.nan, 0.0, 20).at
 
         @property
         def occam(self):
             raise np.linalg.LinAlgError
 
     def fit(count):
-        good = SimpleNamespace(cost=5.0, occam=float(count), count=count)
-        return Diverged() if count == 20 else good
+        return Diverged() if count == 20 else fit_of(5.0, float(count), count)
 
     fitted_by(monkeypatch, fit)
     found = likeliest(job_of([20, 8, 6]), ["hull"])
-    assert [k.count for k in found] == [6, 8]
+    assert [h.theta.size // 3 for h in found] == [6, 8]
     assert len(likeliest(job_of([20]), ["hull"])) == 1
+
+
+def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_worse(
+    monkeypatch,
+):
+    """Six vertices fit 20 nats worse than sixteen, whose volume costs 30 more."""
+    fits = {16: fit_of(200.0, 50.0, 16), 6: fit_of(220.0, 20.0, 6)}
+    fitted_by(monkeypatch, fits.get)
+    bodies = likeliest(job_of([16, 6]), ["hull"])
+    assert [h.theta.size // 3 for h in bodies] == [6, 16]
+    solved, levels = [], polytope_violation_implicit.LEVELS
+    monkeypatch.setattr(refinement, "levels_of", lambda _: levels)
+    monkeypatch.setattr(refinement, "in_distinct_namings", lambda _, h: h)
+
+    def multistart(job, hypotheses, *_):
+        solved.extend(hypotheses)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(refinement, "multistart", multistart)
+    with pytest.raises(KeyboardInterrupt):
+        refinement._solved_promising(None, bodies, None, None, ())
+    assert [h.theta.size // 3 for h in solved] == [6, 16]
 
 
 def test_vertices_go_without_which_touches_stay_where_they_are():

@@ -137,7 +137,7 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
         bodies = [unfitted(job, several[0])]
     else:
         hulls = [hull for faces in several for hull in hulls_from(job, faces)]
-        bodies = [fit.at for fit in likeliest(part, hulls)[:BODIES_SOLVED]]
+        bodies = likeliest(part, hulls)[:BODIES_SOLVED]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
@@ -145,25 +145,25 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
     ]
 
 
-def likeliest(job, hulls) -> list[Solved]:
-    """Return fits of hulls at most LEAST_MOTION_BEHIND in evidence, the best first.
+def likeliest(job, hulls) -> list[Hypothesis]:
+    """Return fits of hulls at most LEAST_MOTION_BEHIND the best, which is the first.
 
     Of each hull with each number of vertices that the shape may have, from many to few.
+    Their objective is less the evidence: what more vertices lose of it is added.
     At a deadline those of the bodies fitted by then, one at least.
     """
     fits, least, counts = [], np.inf, counts_of(job.shape)
     for fewer in (by(job, h, counts) for h in hulls for by in (by_volume, by_touches)):
         for fit in fewer:
             if not np.isfinite(fit.cost):  # it diverged
-                fits.append((np.inf, fit))
+                fits.append(replace(fit.at, objective=np.inf))
                 continue
-            lost = fit.cost + (fit.occam if job.shape.counts else 0.0)
-            fits.append((lost, fit))
-            least = min(least, lost)
+            fits.append(replace(fit.at, objective=fit.cost + fit.occam))
+            least = min(least, fits[-1].objective)
             if fit.cost > least or job.deadline.passed("other numbers of vertices"):
                 break  # fewer vertices do not fit better
-    fits.sort(key=lambda pair: np.round(pair[0], 3))
-    return [fit for lost, fit in fits if lost <= fits[0][0] + LEAST_MOTION_BEHIND]
+    fits.sort(key=lambda h: h.rank)
+    return [h for h in fits if h.objective <= fits[0].objective + LEAST_MOTION_BEHIND]
 
 
 def counts_of(shape) -> list[int]:
@@ -220,7 +220,7 @@ def has_likely_count(job, h: Hypothesis) -> bool:
         hulls = hulls_from(job, faces_of(job, h))
     except TactileError:  # planes of touches that noise moved close no body
         return True
-    return any(fit.at.theta.size == h.theta.size for fit in likeliest(job, hulls))
+    return any(fit.theta.size == h.theta.size for fit in likeliest(job, hulls))
 
 
 def hulls_from(job, faces: Faces) -> list[Hypothesis]:
