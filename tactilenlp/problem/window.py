@@ -121,7 +121,8 @@ class Window:
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
     compliant: whether fingertips yield under load; central: whether the centre of mass
-    is the centroid; aligned: whether the normals of a finger are not turned.
+    is the centroid; aligned: whether the normals of a finger are not turned;
+    lower, upper: bounds of the poses x (unknowns, poses), equal where one is held.
     """
 
     shape: Shape
@@ -149,6 +150,8 @@ class Window:
     compliant: bool = False
     central: bool = True
     aligned: bool = True
+    lower: np.ndarray | float = -np.inf
+    upper: np.ndarray | float = np.inf
 
     @property
     def groups(self) -> dict[int, Group]:
@@ -244,11 +247,11 @@ class Window:
             "unseen": self.unseen[self.unseen >= push.start] - push.start,
         }  # fmt: skip
 
-    def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""
+    def holding(self, x, poses) -> Window:
+        """Return the window whose bounds hold some poses of x (unknowns, T)."""
         lower, upper = np.full((2, len(x), self.poses), [[[-np.inf]], [[np.inf]]])
         lower[:, poses] = upper[:, poses] = x[:, self.last[poses]]
-        return lower, upper
+        return replace(self, lower=lower, upper=upper)
 
     def followed(self, rows, slopes) -> np.ndarray:
         """Return what moves of corners that can lift (corners, k) do to a rigid body.
