@@ -23,7 +23,7 @@ NORM_POWER = 3 / 2  # power of width^2 in the norm of that density: of three dim
 HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
 
 
-def fixed(nlp, window, shape, theta, x, power=CAUCHY):
+def add_fixed_width(nlp, window, shape, theta, x, power=CAUCHY):
     """Add the density of fixed width `gap scale`."""
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
@@ -37,7 +37,7 @@ def fixed(nlp, window, shape, theta, x, power=CAUCHY):
     )  # fmt: skip
 
 
-def coasting(nlp, window, shape, theta, x):
+def add_coasting(nlp, window, shape, theta, x):
     """Add the density that is wider where the body still slides."""
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")

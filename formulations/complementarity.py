@@ -1,6 +1,6 @@
 r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
 
-    min  sum_t L_t(theta, x_t)                          eq:loss, as in quasi_static.py
+    min  sum_t L_t(theta, x_t), way between actions, priors   as in violation_implicit
        + sum LEAST |lam / w|^2                          least impulse, friction.py
     s.t. |unbalanced impulse, in weights| <= slack      x_{k+1} = f(x, lam, r)
          phi + depth >= 0,  lam_n >= 0
@@ -10,9 +10,9 @@ r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
          (mu lam_n)^2 - |lam_t|^2      >= -(r w)^2      friction cone, r = APEX_ROUNDING
     over theta, x_k, lam_k, depth
 
-The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls by levels to
-EPS.  Eq:loss, priors and impulses are those of violation_implicit.py, where the same
-products are penalties.  In planar motion phi = 0 of the ground holds by construction.
+Scholtes' relaxation: eps [weights mm] falls by levels to EPS; the same products are
+penalties in violation_implicit.py.  In planar motion phi = 0 of the ground holds by
+construction.  The balance is in balance.py.
 
 Departures:
   |v_s|   is rounded from below by V = SPEED_ROUNDING: sqrt(v^2 + V^2) - V
@@ -23,18 +23,22 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import centre_of_mass, contact, finger_contact, names
+from . import centre_of_mass, contact, finger_contact, indentation, names
 from .balance import Balance, groups, moves
+from .between_actions import add_coasting
 from .contact import MM
 from .finger_contact import pushing
 from .friction import Impulses, cone_violation, friction, impulses, least
 from .ground_contact import Corner
 from .level import Level
-from .rigid_body import ARM, G, steps_of
+from .likelihood import add_free, add_touches
+from .rigid_body import ARM, G, declare_poses, steps_of
+from .size_prior import add_size_prior, declare_sizes
 from .violation_implicit import (
     APEX_ROUNDING,
+    NORMAL,
     SPEED_ROUNDING,
-    add_likelihood,
+    TOUCH,
     contacts_of,
 )
 
@@ -54,17 +58,28 @@ EPS = 1e-3  # [weights mm] of every relaxed product at the last level
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and the physics of every step as constraints."""
-    theta, x = add_likelihood(nlp, window, scene, shape)
+    depth = indentation.declare(nlp, window, scene)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, depth)
+    add_free(nlp, window, shape, theta, x)
+    add_coasting(nlp, window, shape, theta, x)
+    add_size_prior(nlp, shape, theta)
+    indentation.prior(nlp, depth)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
     fingers, ground = contacts_of(window, shape)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
-    pushes, corners = impulses_of(nlp, window, scene, shape, w)
+    w_f, w_g = w[push.step], w[corner.step]
+    size = w.mean() if len(w) else scene.mass * G
+    lam = impulses(nlp, names.FINGER, w_f, size, size / 10)
+    lam_g = impulses(nlp, names.GROUND, w_g, size, w_g / len(shape.corners))
+    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
+    mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
+    pushes, corners = Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
     law = Balance(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
-
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
     sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes.mu, eps)
@@ -74,18 +89,6 @@ def build(nlp, window, scene, shape):
     sliding(nlp, names.GROUND, ground.velocity, now, at, corners.mu, eps)
     finger_contact.report(nlp, window, fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
-
-
-def impulses_of(nlp, window, scene, shape, w):
-    """Declare the friction.Impulses of fingers and of the ground."""
-    w_f, w_g = w[window.push.step], w[window.corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    lam = impulses(nlp, names.FINGER, w_f, size, size / 10)
-    share = w_g / max(1, len(shape.corners))
-    lam_g = impulses(nlp, names.GROUND, w_g, size, share)
-    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
-    mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
-    return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
 
 
 def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):

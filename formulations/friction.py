@@ -54,17 +54,18 @@ def friction(nlp, name, value):
     return mu
 
 
-def impulses(nlp, name, w, scale, normal=0.0, frictionless=()):
-    """Declare the impulses (normal, t1, t2) of contacts, one for each weight w [N s].
+def impulses(nlp, name, contacts, scale, normal=0.0, frictionless=(), most=ca.inf):
+    """Declare the impulses (normal, t1, t2) [N s] of contacts, a column for each.
 
     normal: guess of the normal one; scale: of all [N s]; frictionless: the names of
-    contacts without friction, which have the normal one alone.
+    contacts without friction, which have the normal one alone; most: bound of that.
     """
     rows = 1 if name in frictionless else 3
-    free, guess = [0, -ca.inf, -ca.inf], [normal, 0 * normal, 0 * normal]
+    lower, upper = [0, -ca.inf, -ca.inf], [most, ca.inf, ca.inf]
+    guess = [normal, 0 * normal, 0 * normal]
     return nlp.variable(
-        name, rows, len(w), lower=free[:rows], guess=guess[:rows], unit="N s",
-        scale=scale,
+        name, rows, len(contacts), lower=lower[:rows], upper=upper[:rows],
+        guess=guess[:rows], unit="N s", scale=scale,
     )  # fmt: skip
 
 

@@ -83,7 +83,7 @@ class Soft(NamedTuple):
 NONE = Rigid(0.0)  # of a page that knows no indentation
 
 
-def declare(nlp, window, scene, pushes):
+def declare(nlp, window, scene, pushes=None):
     """Declare d, and c where the fingertips are compliant; return Rigid or Soft.
 
     pushes: friction.Impulses of the fingers, None on a page without impulses.

@@ -43,9 +43,9 @@ from .finger_contact import pushing, sensed
 from .friction import Impulses, friction
 from .ground_contact import Corner
 from .level import Level
-from .likelihood import declare
 from .paper_physics import Physics
-from .rigid_body import G, steps_of
+from .rigid_body import G, declare_poses, steps_of
+from .size_prior import declare_sizes
 
 ALPHA = math.log(19) / 5e-3  # [1/m] of eq:bool: 95 % sure 5 mm away (public code)
 SIGMA_N = ((0.01519, 0, 0), (0, 0.01519, 0), (0, 0, 0.01519))  # [rad^2] (public code)
@@ -74,7 +74,8 @@ LEVELS = (
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     body = Physics(window, scene, shape)
-    theta, x = add_likelihood(nlp, window, shape, body)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    loss(nlp, window, body, theta, x)
     step, push = window.step, window.push
     lam, lam_g = g.impulses(nlp, window, scene, shape)
     for name, (value, unit) in WEIGHTS.items():
@@ -115,9 +116,8 @@ def ground(nlp, window, scene, body, theta, x, lam_g, w):
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], resting)
 
 
-def add_likelihood(nlp, window, shape, body):
-    """Declare theta and x; add eq:loss of every sample."""
-    theta, x = declare(nlp, window, shape)
+def loss(nlp, window, body, theta, x):
+    """Add eq:loss of every sample."""
     alpha = nlp.parameter("alpha", ALPHA, "1/m")
     inverse = ca.densify(ca.inv(ca.DM(SIGMA_N))).nonzeros()
     information = nlp.parameter("normal information", inverse, "1/rad^2")
@@ -130,7 +130,6 @@ def add_likelihood(nlp, window, shape, body):
         names.FREE_TERM, body.free, theta, x[:, f.pose], sensed(f), alpha,
         role="likelihood",
     )  # fmt: skip
-    return theta, x
 
 
 def dynamics(nlp, window, body, theta, x, lam, lam_g):

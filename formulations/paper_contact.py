@@ -10,9 +10,7 @@ of a ground contact; gap(theta, x, at) and velocity(now, at) are those of a cont
 
 from __future__ import annotations
 
-import casadi as ca
-
-from . import contact
+from . import contact, friction
 from .contact import MM
 from .names import FINGER, GROUND
 from .rigid_body import G
@@ -24,12 +22,9 @@ def impulses(nlp, window, scene, shape):
     """Declare the impulses (normal, t1, t2) [N s] of fingers and ground."""
     step, push, corner = window.step, window.push, window.corner
     size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)  # [N s]
-    bounds = {"lower": [0, -ca.inf, -ca.inf], "upper": [LAM_MAX * size, ca.inf, ca.inf],
-              "unit": "N s", "scale": size}  # fmt: skip
-    corners = len(shape.corners) * bool(len(corner))
-    guess, guess_g = [size / 10, 0, 0], [size / max(1, corners), 0, 0]
-    lam = nlp.variable(FINGER, 3, len(push), guess=guess, **bounds)
-    return lam, nlp.variable(GROUND, 3, len(corner), guess=guess_g, **bounds)
+    most, carried = LAM_MAX * size, size / len(shape.corners)
+    lam = friction.impulses(nlp, FINGER, push, size, size / 10, most=most)
+    return lam, friction.impulses(nlp, GROUND, corner, size, carried, most=most)
 
 
 def maximum_dissipation(nlp, name, velocity, now, at):

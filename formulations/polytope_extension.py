@@ -13,11 +13,9 @@ the action, which is held.  There are two pages: `build` with least motion,
 
 from __future__ import annotations
 
-from functools import partial
-
 import casadi as ca
 
-from . import polytope_quasi_static, polytope_violation_implicit, quasi_static
+from . import polytope_quasi_static, polytope_violation_implicit
 from .level import Level
 
 LEVELS = polytope_quasi_static.STARTING
@@ -26,13 +24,12 @@ PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss of the action, the prior, and least motion."""
-    _, x = declare_with_loss(nlp, window, shape)
-    quasi_static.least_motion(nlp, window, shape, 0.0, x)
+    polytope_quasi_static.build(nlp, window, scene, shape, past)
 
 
 def build_pushed(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp of the action, and the prior."""
-    polytope_violation_implicit.build(nlp, window, scene, shape, declare_with_loss)
+    polytope_violation_implicit.build(nlp, window, scene, shape, past)
 
 
 def past(nlp, window, shape, theta):
@@ -48,6 +45,3 @@ def past(nlp, window, shape, theta):
         "past", known, vertices, window.past.reshape(1, n),
         window.information.reshape(1, n * n), role="prior",
     )  # fmt: skip
-
-
-declare_with_loss = partial(polytope_quasi_static.declare_with_loss, prior=past)

@@ -22,10 +22,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from . import between_actions, sensing
+from . import sensing
+from .between_actions import HEAVY, add_fixed_width
 from .level import Level
 from .names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 from .quasi_static import WAY_EPS, least_motion
+from .rigid_body import declare_poses
 from .shape import positive_part
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -50,10 +52,7 @@ def build(nlp, window, scene, shape):
     """Fill `nlp` with poses and planes."""
     motion, t, i = window.motion, window.touch, window.plane
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
-    x = nlp.variable(
-        "x", motion.unknowns, window.poses, lower=window.lower, upper=window.upper,
-        guess=0.0, unit=motion.unit, scale=motion.scale,
-    )  # fmt: skip
+    x = declare_poses(nlp, window)
     plane = nlp.variable(
         "plane", 4, window.planes, guess=[1, 0, 0, 0], unit="1, 1, 1, m",
         scale=(0.05, 0.05, 0.05, 1e-3),
@@ -70,7 +69,7 @@ def build(nlp, window, scene, shape):
     nlp.minimize("one face", one_face, plane[:, link], plane[:, link_1], role="prior")
     pairs(nlp, window, body, x, plane)
     least_motion(nlp, window, shape, 0.0, x)
-    between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
+    add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     nlp.minimize(
         "unit length", lambda plane: ((ca.sumsqr(plane[:3]) - 1) / UNIT) ** 2 / 2,
         plane, role="regulariser",
