@@ -8,7 +8,7 @@ r"""eq:loss of every sample: what the fingers felt, robust against wrong samples
 Departures from eq:loss, named:
   touch    is two-sided: a felt finger is on the surface, not somewhere inside it
   mixture  bounds the cost of every sample: a boolean may be wrong
-  latency  a finger that feels nothing at the next sample may have left the surface
+  late_gap a finger that feels nothing at the next sample may have left the surface
            already: sigma of its gap grows by the way that it may have moved, and
            sigma of its normal by the angle that this way makes of its radius
 """
@@ -46,17 +46,17 @@ def add_touches(nlp, window, shape, theta, x, touch, normal, indentation=NONE):
     sigma = nlp.parameter(TOUCH_SCALE, ca.hypot(touch, window.sigma_position), "m")
     sigma_n = nlp.parameter(NORMAL_SCALE, ca.hypot(normal, window.sigma_normal), "rad")
 
-    def touching(theta, x, inside, at, n_m, latency, sigma, sigma_n):
+    def touching(theta, x, inside, at, n_m, late_gap, sigma, sigma_n):
         phi, n = fingers.gap_and_normal(theta, x, at)
         phi, n = phi + inside.delta(), finger.felt(n, at.p_wf)
-        off = inside.widened(ca.hypot(sigma, latency))
-        turned = ca.hypot(sigma_n, latency / at.rho)
+        off = inside.widened(ca.hypot(sigma, late_gap))
+        turned = ca.hypot(sigma_n, late_gap / at.rho)
         cost = sensing.touch(phi, off) + sensing.normal(n, finger.measured(n_m), turned)
         return sensing.mixture(cost, window.outlier_cost)
 
     nlp.minimize(
         TOUCH_TERM, touching, theta, x[:, t.pose], indentation, sensed(t), t.normal,
-        t.latency, sigma, sigma_n, role="likelihood",
+        t.late_gap, sigma, sigma_n, role="likelihood",
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
 from ..data.contact_segments import REPEATED, intervals, rate_of
-from ..data.sensor_noise import contact_latency
+from ..data.sensor_noise import late_gap
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
 from .missing_samples import last_felt_normal, possible_contact, unseen_contact
@@ -130,7 +130,7 @@ def _samples(data, p_wf, pose, chosen) -> Samples:
     return Samples(
         sample, finger, pose[sample], p_wf[sample, finger],
         data.finger_radius[finger], data.normal[sample, finger],
-        contact_latency(data)[sample, finger],
+        late_gap(data)[sample, finger],
     )  # fmt: skip
 
 

@@ -35,8 +35,8 @@ class Rows:
 @dataclass(frozen=True, eq=False)
 class Samples(Rows):
     """Finger samples: index of the pose, where the finger is, p_wf (as in
-    formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and contact
-    latency: how far [m] it may have moved since it last felt the contact.
+    formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and late_gap
+    [m]: the gap that there may be where a contact is felt late.
     """
 
     sample: np.ndarray
@@ -45,7 +45,7 @@ class Samples(Rows):
     p_wf: np.ndarray
     radius: np.ndarray
     normal: np.ndarray
-    latency: np.ndarray
+    late_gap: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
