@@ -40,19 +40,12 @@ def displaced(nlp, window, scene):
     joints = scene.joints
     e = nlp.variables[NAME] if NAME in nlp.variables else declare(nlp, window, scene)
 
-    def off(rows, *places):
-        there = {name: e[:, rows.finger].below(known(rows, name)) for name in places}
-        return replace(rows, **there)
-
-    def known(rows, name):
-        said = getattr(rows, name)
-        return said if joints is None else joints.beside(said, rows.finger)
+    def above_offset(rows, p_wf):
+        data = p_wf if joints is None else joints.beside(p_wf, rows.finger)
+        return e[:, rows.finger].below(data)
 
     finger = elsewhere if joints is None else turned
-    return replace(
-        window, finger=finger(window.finger), touch=off(window.touch, "p_wf"),
-        free=off(window.free, "p_wf"), push=off(window.push, "p_wf", "p_wf_1"),
-    )  # fmt: skip
+    return replace(window.with_fingers(above_offset), finger=finger(window.finger))
 
 
 def declare(nlp, window, scene):

@@ -6,6 +6,7 @@ pose unknowns x: all samples of a still span share one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -252,6 +253,20 @@ class Window:
         lower, upper = np.full((2, len(x), self.poses), [[[-np.inf]], [[np.inf]]])
         lower[:, poses] = upper[:, poses] = x[:, self.last[poses]]
         return replace(self, lower=lower, upper=upper)
+
+    def with_fingers(self, change: Callable) -> Window:
+        """Return the window with every finger at change(rows, p_wf), not at p_wf.
+
+        rows: the Samples or Pushes of which p_wf (n, numbers) are the places.
+        """
+
+        def changed(rows, *names):
+            return replace(rows, **{n: change(rows, getattr(rows, n)) for n in names})
+
+        return replace(
+            self, touch=changed(self.touch, "p_wf"), free=changed(self.free, "p_wf"),
+            push=changed(self.push, "p_wf", "p_wf_1"),
+        )  # fmt: skip
 
     def followed(self, rows, slopes) -> np.ndarray:
         """Return what moves of corners that can lift (corners, k) do to a rigid body.
