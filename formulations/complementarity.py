@@ -24,23 +24,17 @@ from __future__ import annotations
 import casadi as ca
 
 from . import centre_of_mass, contact, finger_contact, indentation, names
-from .balance import Balance, groups, moves
+from .balance import Balance, contacts_of, groups, moves
 from .between_actions import add_coasting
 from .contact import MM
 from .finger_contact import pushing
-from .friction import Impulses, cone_violation, friction, impulses, least
+from .friction import Impulses, add_cone, friction, impulses
 from .ground_contact import Corner
 from .level import Level
 from .likelihood import add_free, add_touches
 from .rigid_body import ARM, G, declare_poses, steps_of
 from .size_prior import add_size_prior, declare_sizes
-from .violation_implicit import (
-    APEX_ROUNDING,
-    NORMAL,
-    SPEED_ROUNDING,
-    TOUCH,
-    contacts_of,
-)
+from .violation_implicit import APEX_ROUNDING, NORMAL, SPEED_ROUNDING, TOUCH
 
 # Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
@@ -67,6 +61,7 @@ def build(nlp, window, scene, shape):
     indentation.prior(nlp, depth)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
+    nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
     fingers, ground = contacts_of(window, shape)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
@@ -82,11 +77,11 @@ def build(nlp, window, scene, shape):
     balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
-    sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes.mu, eps)
+    sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes, eps)
     separation(nlp, fingers, now, at, eps)
     now = steps_of(step, theta, x, corners.w, corner.step)
     at = Corner(None, corners.lam, corner.signs)
-    sliding(nlp, names.GROUND, ground.velocity, now, at, corners.mu, eps)
+    sliding(nlp, names.GROUND, ground.velocity, now, at, corners, eps)
     finger_contact.report(nlp, window, fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
 
@@ -111,12 +106,11 @@ def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         )  # fmt: skip
 
 
-def sliding(nlp, name, velocity, now, at, mu, eps):
+def sliding(nlp, name, velocity, now, at, impulses, eps):
     """Add the friction cone, and maximum dissipation within eps.
 
     velocity(now, at) -> v_n, v_s of a contact `at` (a Push or a Corner) in a Step.
     """
-    lam, w = at.lam, now.w
 
     def dissipation(now, at, mu, eps):
         _, v_s = velocity(now, at)
@@ -125,13 +119,14 @@ def sliding(nlp, name, velocity, now, at, mu, eps):
         loss -= most * SPEED_ROUNDING
         return loss * now.dt / (now.w * MM) - eps
 
-    def cone(lam, mu, w):
-        return contact.cone_squared(mu, lam / w) + APEX_ROUNDING**2
+    def cone(lam, mu, w, r):
+        return contact.cone_squared(mu, lam / w) + r**2
 
-    nlp.subject_to(f"{name} dissipation", dissipation, now, at, mu, eps, upper=0)
-    nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
-    nlp.report(f"{name} cone{names.EXACT}", cone_violation, lam, mu, w)
-    nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
+    nlp.subject_to(
+        f"{name} dissipation", dissipation, now, at, impulses.mu, eps, upper=0,
+        per=at.lam,
+    )  # fmt: skip
+    add_cone(nlp, name, impulses, cone)
 
 
 def separation(nlp, fingers, now, at, eps):
@@ -146,5 +141,9 @@ def separation(nlp, fingers, now, at, eps):
         both = ca.vertcat(gap(now.theta, now.x, depth, at), v_n * now.dt / MM)
         return at.lam[0] / now.w * both - eps
 
-    nlp.subject_to("finger gap", gap, now.theta, now.x, depth, apart, lower=0)
-    nlp.subject_to("finger complementarity", products, now, at, depth, eps, upper=0)
+    nlp.subject_to(
+        "finger gap", gap, now.theta, now.x, depth, apart, lower=0, per=at.lam
+    )
+    nlp.subject_to(
+        "finger complementarity", products, now, at, depth, eps, upper=0, per=at.lam
+    )

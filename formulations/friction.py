@@ -69,12 +69,17 @@ def impulses(nlp, name, contacts, scale, normal=0.0, frictionless=(), most=ca.in
     )  # fmt: skip
 
 
-def add_cone(nlp, name, impulses):
+def cone_margin(lam, mu, w, rounding):
+    """Return how far inside the friction cone an impulse is, in weights w [N s]."""
+    return contact.cone(mu, lam / w, rounding)
+
+
+def add_cone(nlp, name, impulses, margin=cone_margin):
     """Keep the impulses of contacts in the cone, and no larger than they need to be."""
     lam, mu, w = impulses.lam, impulses.mu, impulses.w
     if lam.rows > 1:
         r = nlp.parameters["cone rounding"]
-        nlp.subject_to(f"{name} cone", cone_margin, lam, mu, w, r, lower=0)
+        nlp.subject_to(f"{name} cone", margin, lam, mu, w, r, lower=0, per=lam)
         nlp.report(f"{name} cone{EXACT}", cone_violation, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
@@ -84,11 +89,6 @@ def sliding_of(nlp, mu):
     p, slips = nlp.parameters, mu.name in nlp.parameters and mu.value[0] == 0
     rounding = 0.0 if slips else p["cone rounding"]
     return contact.FrictionLaw(mu, p["kappa"], p["speed rounding"], rounding)
-
-
-def cone_margin(lam, mu, w, rounding):
-    """Return how far inside the friction cone an impulse is, in weights w [N s]."""
-    return contact.cone(mu, lam / w, rounding)
 
 
 def cone_violation(lam, mu, w):

@@ -46,7 +46,7 @@ def friction_cone(nlp, name, w, lam, mu):
         return contact.cone_squared(mu, lam / w) + slack**2
 
     slack = nlp.parameters["cone slack"]
-    nlp.subject_to(f"{name} cone", cone, lam, mu, w, slack, lower=0)
+    nlp.subject_to(f"{name} cone", cone, lam, mu, w, slack, lower=0, per=lam)
 
 
 def complementarity(nlp, name, gap, now, at):

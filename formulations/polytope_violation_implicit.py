@@ -29,7 +29,7 @@ from dataclasses import replace
 import casadi as ca
 
 from . import centre_of_mass, indentation, violation_implicit
-from .balance import Balance
+from .balance import Balance, contacts_of
 from .between_actions import HEAVY, add_fixed_width
 from .finger_turn import turned
 from .level import Level
@@ -37,7 +37,7 @@ from .likelihood import add_free, add_touches
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import ball, declare_vertices
 from .rigid_body import MassProperties, declare_poses
-from .violation_implicit import NORMAL, TOUCH, contacts_of, impulses_of, physics
+from .violation_implicit import NORMAL, TOUCH, impulses_of, physics
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED

@@ -42,13 +42,11 @@ Departures from the printed equations:
 from __future__ import annotations
 
 from . import balance, centre_of_mass, finger_contact, ground_contact, indentation
-from .balance import Balance
+from .balance import Balance, contacts_of
 from .between_actions import add_coasting
-from .finger_contact import FingerContact
 from .finger_offset import displaced
 from .finger_turn import turned
 from .friction import Impulses, add_cone, friction, impulses
-from .ground_contact import GroundContact
 from .level import Level
 from .likelihood import add_free, add_touches
 from .names import FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
@@ -121,12 +119,6 @@ def impulses_of(nlp, window, scene, shape, share=None):
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground if len(w_g) else 0)
     return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
-
-
-def contacts_of(window, shape):
-    """Return the functions of the contacts of a shape with fingers and ground."""
-    ground = GroundContact(shape, window.motion)
-    return FingerContact(shape, window.motion, window.finger), ground
 
 
 def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):

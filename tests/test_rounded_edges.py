@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from formulations import indentation, violation_implicit
+from formulations.balance import contacts_of
 from formulations.between_actions import add_coasting
 from formulations.likelihood import add_free, add_touches
 from formulations.rigid_body import declare_poses
@@ -70,7 +71,7 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         add_coasting(problem, window, shape, *x)
         add_size_prior(problem, shape, x[0])
         indentation.prior(problem, delta)
-        fingers, ground = violation_implicit.contacts_of(window, CUBOID)
+        fingers, ground = contacts_of(window, CUBOID)
         law = violation_implicit.Balance(fingers, ground, scene.gravity)
         violation_implicit.physics(problem, window, law, *x, w, 0.0, pushes, corners)
         values = kkt.problem.unpack(kkt.x)

@@ -108,11 +108,17 @@ class Problem:
         self._add(self.costs, name, function, arguments, role=role)
 
     def subject_to(
-        self, name: str, function: Callable, *arguments, lower=-np.inf, upper=np.inf
-    ) -> None:
-        """Bound every row of `function` at every instance."""
-        limits = {"lower": lower, "upper": upper, "first_row": self.rows}
-        self._add(self.constraints, name, function, arguments, **limits)
+        self, name: str, function: Callable, *arguments, lower=-np.inf, upper=np.inf,
+        per: Variable | None = None,
+    ) -> None:  # fmt: skip
+        """Bound every row of `function` at every instance.
+
+        per: unknowns to whose columns the instances belong, one to each, in order.
+        """
+        self._add(
+            self.constraints, name, function, arguments, per=per, first_row=self.rows,
+            lower=lower, upper=upper,
+        )  # fmt: skip
 
     def follow(self, name: str, function: Callable, *arguments, gives: Columns) -> None:
         """Constrain the columns `gives` to be `function` of columns that come before.
@@ -227,19 +233,10 @@ class Problem:
         """The programme in scaled unknowns: values and derivatives as arrays."""
         return Assembly(self)
 
-    @property
-    def functions(self) -> dict:
-        """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return self.assembly.functions
-
     @cached_property
     def eliminated(self) -> Eliminated:
         """The programme in the unknowns that no other ones give."""
         return Eliminated(self)
-
-    def programme(self, eliminate: bool) -> Assembly | Eliminated:
-        """Return the programme in all unknowns, or in those that no other ones give."""
-        return self.eliminated if eliminate else self.assembly
 
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
@@ -254,7 +251,7 @@ class Problem:
 
     def _add(
         self, kept, name, function, arguments, role=None, first_row=0, trace=None,
-        **limits,
+        per=None, **limits,
     ):  # fmt: skip
         """Keep a term among others; what has no instance is left out and costs none."""
         self._new(name, {**self.terms, **self.reports})
@@ -262,6 +259,8 @@ class Problem:
         instances = instances_of(name, arguments)
         if instances == 0:
             return
+        if per is not None:
+            instances = instances_of(name, [*arguments, per[:, :]])
         unknowns, data, order = [], [], []
         for argument in arguments:
             check_owner(self, name, argument)
@@ -281,7 +280,9 @@ class Problem:
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         read = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        kept[name] = Term(name, derived, role, *read, first_row=first_row, **limits)
+        per = per and per.name
+        kept[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
+                          per=per)  # fmt: skip
 
     def _traced(self, name, trace, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""

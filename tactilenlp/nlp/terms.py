@@ -111,7 +111,10 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """One named cost or constraint: its function, and what each instance reads."""
+    """One named cost or constraint: its function, and what each instance reads.
+
+    per: name of the unknowns to whose columns the instances belong, one to each.
+    """
 
     name: str
     function: TermFunction
@@ -121,6 +124,7 @@ class Term:
     lower: np.ndarray | None = None  # (instances, rows), constraints only
     upper: np.ndarray | None = None
     first_row: int = 0
+    per: str | None = None
 
     @property
     def instances(self) -> int:

@@ -88,7 +88,7 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
         old = solution.bound_multipliers[name]
         bounds[name] = _columns(old, source, np.zeros(v.guess.shape))
     for name, term in problem.constraints.items():
-        source = came_from.get(name.split()[0], np.arange(term.instances))
+        source = came_from.get(term.per, np.arange(term.instances))
         old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))
         none = np.zeros((term.function.rows, term.instances))
         multipliers[name] = _columns(old.T, source, none).T

@@ -242,9 +242,11 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     corner = Corners(
         np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
     )
+    terms = solved.problem.constraints.values()
+    of_ground = {term.name for term in terms if term.per == GROUND}
+    others = {k: m for k, m in s.multipliers.items() if k not in of_ground}
     solution = replace(
-        s, values=s.values | {GROUND: moved},
-        multipliers={k: m for k, m in s.multipliers.items() if k != "ground cone"},
+        s, values=s.values | {GROUND: moved}, multipliers=others,
         bound_multipliers=s.bound_multipliers | {GROUND: 0 * moved},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)

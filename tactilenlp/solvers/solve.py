@@ -37,7 +37,8 @@ class Solvers:
 
         Functions and patterns take seconds of a large problem: they are made first.
         """
-        programme = self.problem.programme(eliminate)
+        problem = self.problem
+        programme = problem.eliminated if eliminate else problem.assembly
         ours = not eliminate and set(options.ipopt) <= NAMES
         kkt = self.condensed if ours else None
         options.deadline.check()
@@ -124,7 +125,7 @@ def solve(
     check_types(options=(options, (SolverOptions, type(None))))
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
-    programme = problem.programme(eliminate)
+    programme = problem.eliminated if eliminate else problem.assembly
     if solver is None:
         given = options or SolverOptions(), eliminate, warm is not None
         solver = Solvers(problem).kept(*given)
