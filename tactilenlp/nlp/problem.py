@@ -31,7 +31,7 @@ from .term_functions import (
     TermFunctionCache,
     default_cache,
     term_function_named,
-    traced,
+    without_derivatives,
 )
 from .terms import (
     Columns,
@@ -65,7 +65,7 @@ class Problem:
     reports: dict[str, Term] = field(default_factory=dict)
     given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
     # By name and sizes of the arguments; problems of one page may share them.
-    term_functions: dict[tuple, object] = field(default_factory=dict)
+    functions_by_name: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     noting: Callable = nullcontext  # see TermFunctionCache.of
@@ -135,7 +135,7 @@ class Problem:
 
     def report(self, name: str, function: Callable, *arguments) -> None:
         """Name a quantity to be read off a solution; it costs nothing to solve."""
-        self._add(self.reports, name, function, arguments, trace=traced)
+        self._add(self.reports, name, function, arguments, derive=without_derivatives)
 
     @property
     def size(self) -> int:
@@ -250,7 +250,7 @@ class Problem:
         return sum(map(len, self._data[:-1]))
 
     def _add(
-        self, kept, name, function, arguments, role=None, first_row=0, trace=None,
+        self, kept, name, function, arguments, role=None, first_row=0, derive=None,
         per=None, **limits,
     ):  # fmt: skip
         """Keep a term among others; what has no instance is left out and costs none."""
@@ -271,7 +271,7 @@ class Problem:
             read.append(np.broadcast_to(indices, (instances, indices.shape[1])))
             order.append((role_of, indices.shape[1]))
         sizes = [indices.shape[1] for indices in unknowns]
-        derived = self._traced(name, trace, function, sizes, order)
+        derived = self._function_of(name, derive, function, sizes, order)
         if role is not None and derived.rows != 1:
             raise PageError(
                 "a cost is one number", where=name, got=f"{derived.rows} rows",
@@ -284,14 +284,14 @@ class Problem:
         kept[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
                           per=per)  # fmt: skip
 
-    def _traced(self, name, trace, function, sizes, order):
+    def _function_of(self, name, derive, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""
-        if (key := (name, *order)) not in self.term_functions:
+        if (key := (name, *order)) not in self.functions_by_name:
             self.deadline.check()
             of = partial(self.cache.of, deadline=self.deadline, noting=self.noting)
-            given = name, trace or of, function, sizes, order
-            self.term_functions[key] = term_function_named(*given)
-        return self.term_functions[key]
+            made = term_function_named(name, derive or of, function, sizes, order)
+            self.functions_by_name[key] = made
+        return self.functions_by_name[key]
 
     def _data_indices(self, name: str, argument) -> np.ndarray:
         if isinstance(argument, Parameter):

@@ -23,7 +23,7 @@ import numpy as np
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
 from .codegen import begun, kept
-from .derivation import PARTS, derivatives, trace, values
+from .derivation import PARTS, derivatives, expressions_of, values
 from .simd import WIDTH
 
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
@@ -113,8 +113,8 @@ class TermFunctionCache:
         and its argument a.
         """
         if not self.derive:
-            return traced(function, unknowns, order)
-        *term, solver = trace(function, unknowns, order, noting)
+            return without_derivatives(function, unknowns, order)
+        *term, solver = expressions_of(function, unknowns, order, noting)
         of_roots = _digest(solver) if solver else ""
         key = "".join([*(part.serialize() for part in term), of_roots])
         if key not in self.functions:
@@ -152,17 +152,19 @@ def default_cache() -> TermFunctionCache:
     return _default
 
 
-def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermFunction:
+def without_derivatives(
+    function: Callable, unknowns: list[int], order: list[tuple]
+) -> TermFunction:
     """Return a term function without derivatives: for what is read off a solution."""
-    made = values(trace(function, unknowns, order))
+    made = values(expressions_of(function, unknowns, order))
     sizes = made[1].size1_out(0), *(made[1].size1_in(k) for k in range(3))
     return TermFunction(*sizes, 0, 0, lambda: made)  # roots are written out
 
 
-def term_function_named(name: str, trace, function, sizes, order) -> TermFunction:
-    """Return trace(function, sizes, order); PageError names the term where it fails."""
+def term_function_named(name: str, derive, function, sizes, order) -> TermFunction:
+    """Return derive(function, sizes, order); PageError names the term if it fails."""
     try:
-        return trace(function, sizes, order)
+        return derive(function, sizes, order)
     except PageError:
         raise
     except Exception as error:

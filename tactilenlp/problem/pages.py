@@ -290,8 +290,8 @@ def _signature(function) -> str:
 @contextmanager
 def _unshared(nlp):
     """Derive the terms that are added here anew: they may depend on the window."""
-    shared, nlp.term_functions = nlp.term_functions, {}
+    shared, nlp.functions_by_name = nlp.functions_by_name, {}
     try:
         yield
     finally:
-        nlp.term_functions = shared
+        nlp.functions_by_name = shared

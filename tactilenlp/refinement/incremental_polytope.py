@@ -14,13 +14,11 @@ import numpy as np
 from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
-from formulations.implicit import noting_roots
 from formulations.names import BALL, FINGER, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..nlp.problem import Problem
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import Reductions, coasts
@@ -175,11 +173,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build_pushed, extension.PUSHED),
     ):
         window = window_of(job, (h.theta, h.x)).of_action(past.at, about)
-        problem = Problem(
-            term_functions=past.problem.term_functions, deadline=job.deadline,
-            noting=noting_roots,
-        )  # fmt: skip
-        build(problem, window, job.scene, window.shape)
+        problem = job.build(window, fill=build)
         start = {
             k: v for k, v in past.solution.values.items()
             if v.size == 1 and k in problem.variables
