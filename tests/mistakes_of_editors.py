@@ -66,6 +66,9 @@ PAGES = {
     "a reduction that does not exist": (
         lambda k: k.posed(page(REDUCTIONS={"flat": True})), "planar",
     ),
+    "an assumption that does not exist": (
+        lambda k: k.posed(page(FREED=("rigid", "plannar"))), "'planar'",
+    ),
     "float of a symbol": (
         lambda k: k.solved(formulation=cost(lambda theta: float(theta[0]) ** 2)),
         "use functions of casadi",

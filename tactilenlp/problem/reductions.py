@@ -58,7 +58,7 @@ class Reductions:
         """Read True, False, a Reductions, or the names of those to switch off."""
         if isinstance(choice, cls):
             return choice
-        names = [f.name for f in fields(cls)]
+        names = [*REDUCTION_NAMES]
         if isinstance(choice, bool):
             return cls(**dict.fromkeys(names, choice))
         many = isinstance(choice, (tuple, list, set, frozenset))
@@ -70,6 +70,9 @@ class Reductions:
                 next=did_you_mean(unknown[0], names),
             )  # fmt: skip
         return cls(**{name: name not in off for name in names})
+
+
+REDUCTION_NAMES = tuple(f.name for f in fields(Reductions))
 
 
 def required_reductions(page, reductions: Reductions) -> Reductions:
