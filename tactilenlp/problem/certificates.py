@@ -9,7 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from formulations.names import FINGER, FREE_TERM, GROUND
+import numpy as np
+
+from formulations.names import (
+    FINGER,
+    FINGER_FRICTION,
+    FREE_TERM,
+    GROUND,
+    GROUND_FRICTION,
+)
 
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .reductions import REDUCTION_NAMES
@@ -127,15 +135,21 @@ def still(solved, value) -> Skipped:
 
 
 def frictionless(solved) -> Skipped | None:
-    """Certify dropped tangential impulses: without friction there are none."""
-    window = solved.window
-    of = {FINGER: window.push, GROUND: window.corner}
-    count = sum(2 * len(of[name]) for name in window.frictionless)
+    """Certify dropped tangential impulses: at the solution the cones allow none."""
+    solution, count, largest = solved.solution, 0, 0.0
+    known = solution.parameters | solution.values
+    for name, friction in ((FINGER, FINGER_FRICTION), (GROUND, GROUND_FRICTION)):
+        lam = solution.values.get(name, np.zeros((0, 0)))
+        if len(lam) == 1 and name in solved.window.frictionless:
+            weight = solved.problem.variables[name].scale  # [N s] over a step
+            allowed = np.multiply(known[friction], lam) / weight
+            count, largest = count + 2 * lam.size, max(largest, allowed.max())
     if not count:
         return None
     return Skipped(
         "frictionless", f"{count} tangential impulses", "friction is zero",
-        "largest that the cone would allow [weights]", 0.0, 0.0, True,
+        "largest that the cone would allow [weights]", float(largest), 0.0,
+        largest <= 0.0,
     )  # fmt: skip
 
 
