@@ -72,6 +72,11 @@ class Solution:
         """Return all unknowns and all data of a problem, as vectors, SI."""
         return problem.pack(self.values), problem.data(self.parameters)
 
+    def with_build(self, seconds: float) -> Solution:
+        """Return the solution with so much more time [s] to build its problem."""
+        total = self.seconds["build"] + seconds
+        return replace(self, seconds=self.seconds | {"build": total})
+
 
 def recomputed(
     problem, x, data, found, lam_g, lam_x, stats, seconds, bounds=None

@@ -256,7 +256,7 @@ def _at(solvers: Solvers, level, ipopt, warm, start, options) -> Solution:
     built = time.process_time() - began
     if not warm and isinstance(start, Solution):
         start = start.values
-    solution = solve(
+    return solve(
         solvers.problem,
         start=start,
         parameters=level.parameters,
@@ -264,6 +264,4 @@ def _at(solvers: Solvers, level, ipopt, warm, start, options) -> Solution:
         throw=False,
         solver=solver,
         eliminate=level.eliminate,
-    )
-    solution.seconds["build"] += built
-    return solution
+    ).with_build(built)
