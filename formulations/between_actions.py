@@ -28,11 +28,11 @@ def add_fixed_width(nlp, window, shape, theta, x, power=CAUCHY):
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
 
-    def jumped(theta, x, x_1, gap):
+    def way_cost(theta, x, x_1, gap):
         return power * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.pose], x[:, g.before], gap_scale,
+        "between actions", way_cost, theta, x[:, g.pose], x[:, g.before], gap_scale,
         role="prior",
     )  # fmt: skip
 
@@ -43,14 +43,14 @@ def add_coasting(nlp, window, shape, theta, x):
     gap_scale = nlp.parameter("gap scale", GAP, "m")
     braking = window.braking + 0 * g.dt  # [m/s^2] of every gap
 
-    def jumped(theta, x, x_1, x_2, dt, gap, braking):
+    def way_cost(theta, x, x_1, x_2, dt, gap, braking):
         v_squared = way_squared(motion, shape, theta, x_1, x_2) / dt**2
         width_squared = gap**2 + (v_squared / (2 * braking)) ** 2
         way = way_squared(motion, shape, theta, x, x_1) / width_squared
         return CAUCHY * ca.log(1 + way) + NORM_POWER * ca.log(width_squared / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.pose], x[:, g.before],
+        "between actions", way_cost, theta, x[:, g.pose], x[:, g.before],
         x[:, g.before_2], g.dt, gap_scale, braking, role="prior",
     )  # fmt: skip
 

@@ -49,9 +49,10 @@ def add_touches(nlp, window, shape, theta, x, touch, normal, indentation=NONE):
     def touching(theta, x, inside, at, n_m, late_gap, sigma, sigma_n):
         phi, n = fingers.gap_and_normal(theta, x, at)
         phi, n = phi + inside.delta(), finger.felt(n, at.p_wf)
-        off = inside.widened(ca.hypot(sigma, late_gap))
-        turned = ca.hypot(sigma_n, late_gap / at.rho)
-        cost = sensing.touch(phi, off) + sensing.normal(n, finger.measured(n_m), turned)
+        sigma = inside.widened(ca.hypot(sigma, late_gap))
+        sigma_n = ca.hypot(sigma_n, late_gap / at.rho)
+        cost = sensing.touch(phi, sigma)
+        cost += sensing.normal(n, finger.measured(n_m), sigma_n)
         return sensing.mixture(cost, window.outlier_cost)
 
     nlp.minimize(

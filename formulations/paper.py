@@ -142,6 +142,6 @@ def dynamics(nlp, window, body, theta, x, lam, lam_g):
             deviation, *contacts, role="physics",
         )  # fmt: skip
     nlp.minimize(
-        "between actions", body.moved, theta, x[:, gap.pose], x[:, gap.before],
-        deviation, role="physics",
+        "between actions", body.between_actions, theta, x[:, gap.pose],
+        x[:, gap.before], deviation, role="physics",
     )  # fmt: skip

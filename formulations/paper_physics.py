@@ -55,10 +55,10 @@ class Physics:
         J = R_1 @ ca.densify(self.shape.inertia(theta)) @ R_1.T
         d_1 = turn(R_1, R_2)
         d = d_1 + ca.inv_minor(J) @ (dt * moment / m - ca.cross(d_1, J @ d_1))
-        turned = ca.sumsqr(R - rotation(d) @ R_1) / 2
-        return (ca.sumsqr(p - p_f) + ARM**2 * turned) / (2 * deviation**2)
+        turn_squared = ca.sumsqr(R - rotation(d) @ R_1) / 2
+        return (ca.sumsqr(p - p_f) + ARM**2 * turn_squared) / (2 * deviation**2)
 
-    def moved(self, theta, x, x_1, deviation):
+    def between_actions(self, theta, x, x_1, deviation):
         """Return |x_t - x_{t-1}|^2 over 2 deviation^2."""
         return way_squared(self.motion, self.shape, theta, x, x_1) / (2 * deviation**2)
 

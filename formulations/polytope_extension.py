@@ -36,12 +36,12 @@ def past(nlp, window, shape, theta):
     """Add the prior: window.information (3 V, 3 V) [1/m^2] about window.past."""
     n = theta.rows * theta.columns
 
-    def known(v, v_0, information):
+    def gaussian(v, v_0, information):
         d = v - v_0
         return d.T @ ca.reshape(information, n, n) @ d / 2
 
     vertices = theta[:, [[*range(theta.columns)]]]
     nlp.minimize(
-        "past", known, vertices, window.past.reshape(1, n),
+        "past", gaussian, vertices, window.past.reshape(1, n),
         window.information.reshape(1, n * n), role="prior",
     )  # fmt: skip

@@ -61,14 +61,14 @@ def ball(nlp, window, shape, theta):
         lower=[-ca.inf, -ca.inf, -ca.inf, mean / 10], unit="m", scale=1e-3,
     )  # fmt: skip
 
-    def off(vertex, ball):
+    def near_ball(vertex, ball):
         away = ca.sqrt(ca.sumsqr(vertex - ball[:3]) + (mean / 100) ** 2)
         return (away / ball[3] - 1) ** 2 / (2 * SPREAD**2)
 
-    def moved(vertex, start):
+    def near_start(vertex, start):
         return ca.sumsqr(vertex - start) / (2 * STAY**2)
 
-    nlp.minimize("ball prior", off, theta, sphere, role="prior")
+    nlp.minimize("ball prior", near_ball, theta, sphere, role="prior")
     nlp.minimize(
         "size prior", lambda ball: ((ball[3] - mean) / deviation) ** 2 / 2,
         sphere,
@@ -78,7 +78,7 @@ def ball(nlp, window, shape, theta):
         "legs on the ground", lambda vertex: (vertex[2] / LEG) ** 2 / 2,
         theta[:, window.grounded], role="prior",
     )  # fmt: skip
-    nlp.minimize("stay", moved, theta, window.start, role="regulariser")
+    nlp.minimize("stay", near_start, theta, window.start, role="regulariser")
 
 
 def build(nlp, window, scene, shape, prior=ball):

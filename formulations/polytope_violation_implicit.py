@@ -31,7 +31,7 @@ import casadi as ca
 from . import centre_of_mass, indentation, violation_implicit
 from .balance import Balance, contacts_of
 from .between_actions import HEAVY, add_fixed_width
-from .finger_turn import turned
+from .finger_turn import with_normals_turned_back
 from .level import Level
 from .likelihood import add_free, add_touches
 from .polytope import inertia_about, whole_moments
@@ -65,7 +65,7 @@ def build(nlp, window, scene, shape, prior=ball):
 
     prior(nlp, window, shape, theta): adds what was known of the vertices before.
     """
-    window = turned(nlp, window)
+    window = with_normals_turned_back(nlp, window)
     w, pushes, corners = impulses_of(nlp, window, scene, shape, window.weight_share)
     delta = indentation.declare(nlp, window, scene, pushes)
     theta, x = declare_vertices(nlp, window), declare_poses(nlp, window)

@@ -64,21 +64,21 @@ def least_motion(nlp, window, shape, theta, x):
     weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
     step = window.step
 
-    def moved(theta, x, expected, weight):
+    def way_cost(theta, x, expected, weight):
         way = way_squared(window.motion, shape, theta, x, expected)
         return weight * (ca.sqrt(way + WAY_EPS**2) - WAY_EPS)
 
-    def changed(theta, x, x_1, x_2, weight):
-        return moved(theta, x, 2 * x_1 - x_2, weight)
+    def change_cost(theta, x, x_1, x_2, weight):
+        return way_cost(theta, x, 2 * x_1 - x_2, weight)
 
     unseen = window.unseen_steps.tolist()
     seen = sorted({*range(len(step))} - {*unseen})
     nlp.minimize(
-        "least motion", moved, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
+        "least motion", way_cost, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
         weight, role="regulariser",
     )  # fmt: skip
     nlp.minimize(
-        "lasting motion", changed, theta, x[:, step.pose[unseen]],
+        "lasting motion", change_cost, theta, x[:, step.pose[unseen]],
         x[:, step.before[unseen]], x[:, step.before_2[unseen]], weight,
         role="regulariser",
     )  # fmt: skip

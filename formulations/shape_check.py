@@ -41,20 +41,20 @@ MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the rea
 
 def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
     """Return what disagrees among the functions of a shape at random theta."""
-    found = {}
-    told = tuple(
+    by_kind = {}
+    unusable = tuple(
         Disagreement(what, got, want, (), fix)
         for what, got, want, fix in unfit_fields(shape)
     )
-    told = told or _of_calls(shape)
-    if not told:
+    unusable = unusable or _of_calls(shape)
+    if not unusable:
         for theta in _thetas(shape, count, seed):
             for what, got, expected, fix in _at(shape, ca.DM(theta)):
-                found.setdefault(
+                by_kind.setdefault(
                     what, Disagreement(what, got, expected, tuple(theta), fix)
                 )
     name = shape.name if isinstance(shape.name, str) else "a shape without a name"
-    return ShapeReport(name, (*told, *found.values()), count)
+    return ShapeReport(name, (*unusable, *by_kind.values()), count)
 
 
 def _of_calls(shape) -> tuple:
@@ -71,12 +71,12 @@ def _of_calls(shape) -> tuple:
         "support": ((theta, ca.DM([0, 0, 1])), (3, 1)),
         "mesh": ((theta,), (None, 3)),
     }
-    found = []
-    for name, (given, size) in calls.items():
+    disagreements = []
+    for name, (arguments, size) in calls.items():
         if (function := getattr(shape, name)) is None:
             continue
         try:
-            value = ca.densify(ca.DM(function(*given)))
+            value = ca.densify(ca.DM(function(*arguments)))
             got = f"an array {value.shape}"
             fits = size[0] in (None, value.shape[0]) and value.shape[1] == size[1]
             fits = fits and value.is_regular()
@@ -86,15 +86,15 @@ def _of_calls(shape) -> tuple:
             fix = f"see `{name}` in the documentation of Shape"
             want = f"finite numbers, {size}".replace("None", "points")
             at = tuple(float(t) for t in ca.vertsplit(theta))
-            found.append(Disagreement(f"{name}(...)", got, want, at, fix))
-    return tuple(found)
+            disagreements.append(Disagreement(f"{name}(...)", got, want, at, fix))
+    return tuple(disagreements)
 
 
 def _thetas(shape, count, seed):
     """Return theta: near the mean of the prior, then random within the bounds."""
     draw = random.Random(seed)
-    given = (*shape.size_prior, *shape.bounds)
-    columns = ([*map(float, ca.vertsplit(entries(shape, p)))] for p in given)
+    pairs = (*shape.size_prior, *shape.bounds)
+    columns = ([*map(float, ca.vertsplit(entries(shape, p)))] for p in pairs)
     rows = [*zip(*columns, strict=True)]  # mean, deviation, least, largest
     first = [m * UNLIKE[i % len(UNLIKE)] for i, (m, *_) in enumerate(rows)]
     more = [
@@ -200,16 +200,16 @@ def _of_moments(shape, theta, rays, r):
     if shape.inertia is None:
         return
     S = (rays * ca.repmat(r**5, 3, 1)) @ rays.T / 5 / volume
-    exact = ca.trace(S) * ca.DM.eye(3) - S
-    given = ca.densify(shape.inertia(theta))
-    if given.shape != (3, 3):
+    uniform = ca.trace(S) * ca.DM.eye(3) - S
+    inertia = ca.densify(shape.inertia(theta))
+    if inertia.shape != (3, 3):
         yield (
-            "size of the inertia", str(given.shape), "(3, 3)",
+            "size of the inertia", str(inertia.shape), "(3, 3)",
             "return a full matrix from inertia(theta)",
         )  # fmt: skip
-    elif float(ca.mmax(ca.fabs(given - exact))) > MASS * float(ca.mmax(exact)):
+    elif float(ca.mmax(ca.fabs(inertia - uniform))) > MASS * float(ca.mmax(uniform)):
         yield (
-            "inertia", _diagonal(given), f"{_diagonal(exact)} of the uniform body",
+            "inertia", _diagonal(inertia), f"{_diagonal(uniform)} of the uniform body",
             "correct inertia(theta): (3, 3) [m^2] per unit mass, about the origin",
         )  # fmt: skip
 

@@ -75,11 +75,11 @@ def entries(shape, value):
 def _within(ends) -> float:
     """Return the probability that all z_i are between their ends [deviations]."""
     total, width = FREEDOM + len(ends), FAR / NODES
-    found = 0.0
+    probability = 0.0
     for k in range(NODES):
         chi = (k + 0.5) * width
         density = sqrt(chi / (2 * pi)) * exp(-chi / 2)  # of chi^2_3
         scale = sqrt(chi / total / 2)
         inside = prod((erf(b * scale) - erf(a * scale)) / 2 for a, b in ends)
-        found += width * density * inside
-    return found
+        probability += width * density * inside
+    return probability

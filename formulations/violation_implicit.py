@@ -45,7 +45,7 @@ from . import balance, centre_of_mass, finger_contact, ground_contact, indentati
 from .balance import Balance, contacts_of
 from .between_actions import add_coasting
 from .finger_offset import displaced
-from .finger_turn import turned
+from .finger_turn import with_normals_turned_back
 from .friction import Impulses, add_cone, friction, impulses
 from .level import Level
 from .likelihood import add_free, add_touches
@@ -84,7 +84,8 @@ def build(nlp, window, scene, shape, law=Balance):
 
     law: the balance of a step, balance.Balance or a subclass of it.
     """
-    window = turned(nlp, displaced(nlp, window, scene))
+    window = displaced(nlp, window, scene)
+    window = with_normals_turned_back(nlp, window)
     w, pushes, corners = impulses_of(nlp, window, scene, shape)
     delta = indentation.declare(nlp, window, scene, pushes)
     theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
