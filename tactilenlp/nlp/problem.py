@@ -40,9 +40,9 @@ from .terms import (
     Variable,
     apart,
     block,
+    check_declared,
     check_owner,
     instances_of,
-    known,
     limits_of,
     setting,
     table,
@@ -63,7 +63,7 @@ class Problem:
     costs: dict[str, Term] = field(default_factory=dict)
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
-    given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
+    dependent: dict[str, np.ndarray] = field(default_factory=dict)  # see `follow`
     # By name and sizes of the arguments; problems of one page may share them.
     functions_by_name: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
@@ -88,8 +88,8 @@ class Problem:
         size = block(scale, (rows, 1), name)[:, 0]
         if not np.all((size > 0) & np.isfinite(size)):
             raise PageError(f"{name}: not a scale", got=size.tolist())
-        given = name, rows, columns, lower, upper, guess, unit, size, self.size
-        return self.variables.setdefault(name, Variable(*given))
+        v = Variable(name, rows, columns, lower, upper, guess, unit, size, self.size)
+        return self.variables.setdefault(name, v)
 
     def parameter(self, name, value, unit="") -> Parameter:
         """Declare a number or vector shared by all instances of the terms it enters."""
@@ -131,7 +131,7 @@ class Problem:
             return (function(*local[:-1]) - local[-1]) / gives.variable.scale
 
         self.subject_to(name, residual, *arguments, gives, lower=0, upper=0)
-        self.given[name] = gives.indices
+        self.dependent[name] = gives.indices
 
     def report(self, name: str, function: Callable, *arguments) -> None:
         """Name a quantity to be read off a solution; it costs nothing to solve."""
@@ -157,7 +157,7 @@ class Problem:
     def data(self, changes: dict | None = None) -> np.ndarray:
         """Return the vector of all data, with some parameters changed by name."""
         data = np.concatenate(self._data) if self._data else np.zeros(0)
-        known(changes, self.parameters, "parameter")
+        check_declared(changes, self.parameters, "parameter")
         for name, value in (changes or {}).items():
             data[self.parameters[name].span] = setting(value, self.parameters[name])
         return data
@@ -169,11 +169,11 @@ class Problem:
 
     def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
         """Return the vector of all unknowns in SI; what is not given is the guess."""
-        known(values, self.variables, "variable")
+        check_declared(values, self.variables, "variable")
         blocks = []
         for v in self.variables.values():
-            given = block(values.get(v.name, v.guess), (v.rows, v.columns), v.name)
-            blocks.append(given.T.ravel())
+            value = block(values.get(v.name, v.guess), (v.rows, v.columns), v.name)
+            blocks.append(value.T.ravel())
         return np.concatenate([np.zeros(0), *blocks])
 
     def unpack(self, x: np.ndarray) -> dict[str, np.ndarray]:
