@@ -74,20 +74,20 @@ def certify(job, solved, rested: Skipped | None = None) -> Certificates:
 
     rested: that of the still spans, where it is known.
     """
-    made, found, cuts = job.reductions, [], ()
+    made, skipped, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
         whole = unreduced(job, solved)
-        found += [far(solved, whole)] * made.far + [absent(whole)] * made.absent
+        skipped += [far(solved, whole)] * made.far + [absent(whole)] * made.absent
         if rested is not None:
-            found.append(rested)
+            skipped.append(rested)
         elif made.still and len(solved.window.pose) > solved.window.poses:
             force, slips = rest_force(job.scene, solved, whole)
-            found.append(still(solved, force))
-            cuts = () if found[-1].holds else slips
+            skipped.append(still(solved, force))
+            cuts = () if skipped[-1].holds else slips
     if made.planar:
-        found.append(planar_certificate(job, solved))
-    found.append(frictionless(solved))
-    return Certificates(tuple(s for s in found if s is not None), cuts)
+        skipped.append(planar_certificate(job, solved))
+    skipped.append(frictionless(solved))
+    return Certificates(tuple(s for s in skipped if s is not None), cuts)
 
 
 def far(solved, whole) -> Skipped | None:
@@ -137,12 +137,12 @@ def still(solved, value) -> Skipped:
 def frictionless(solved) -> Skipped | None:
     """Certify dropped tangential impulses: at the solution the cones allow none."""
     solution, count, largest = solved.solution, 0, 0.0
-    known = solution.parameters | solution.values
+    values = solution.parameters | solution.values
     for name, friction in ((FINGER, FINGER_FRICTION), (GROUND, GROUND_FRICTION)):
         lam = solution.values.get(name, np.zeros((0, 0)))
         if len(lam) == 1 and name in solved.window.frictionless:
             weight = solved.problem.variables[name].scale  # [N s] over a step
-            allowed = np.multiply(known[friction], lam) / weight
+            allowed = np.multiply(values[friction], lam) / weight
             count, largest = count + 2 * lam.size, max(largest, allowed.max())
     if not count:
         return None

@@ -103,9 +103,9 @@ def _check_page(page) -> None:
             "no such reduction", where="formulation.REDUCTIONS", got=_short(made),
             expected=f"a dict of bool by name, of {', '.join(REDUCTION_NAMES)}",
         )  # fmt: skip
-    known = *REDUCTION_NAMES, *NO_REDUCTIONS
+    allowed = *REDUCTION_NAMES, *NO_REDUCTIONS
     for name in freed:
-        check_one_of("formulation.FREED", name, known, "no such assumption")
+        check_one_of("formulation.FREED", name, allowed, "no such assumption")
 
 
 def _module_of(formulation: str, shape) -> str:
@@ -218,11 +218,11 @@ def _check_extension(base, terms, replace, without, parts) -> None:
                 "a term of other arguments", where="extend",
                 got=_signature(term), expected="term(nlp, window, scene, shape)",
             )  # fmt: skip
-    known = [*inspect.signature(base.build).parameters][4:]
-    if unknown := [name for name in parts if name not in known]:
+    names = [*inspect.signature(base.build).parameters][4:]
+    if unknown := [name for name in parts if name not in names]:
         raise OptionError(
             "the page's build has no such argument", where="extend",
-            got=", ".join(unknown), expected=" or ".join(known) or "none",
+            got=", ".join(unknown), expected=" or ".join(names) or "none",
         )  # fmt: skip
 
 

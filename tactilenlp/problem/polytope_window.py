@@ -79,7 +79,7 @@ class PolytopeWindow(Window):
             **self.of_later_steps(samples),
         )  # fmt: skip
 
-    def followed(self, rows, slopes) -> np.ndarray:
+    def rigid_moves(self, rows, slopes) -> np.ndarray:
         """Return what moves of vertices that can lift do, as far as a pose has them.
 
         Four legs that move apart would bend the body, which all its poses share: what
@@ -218,8 +218,8 @@ def support_shares(legs, centroid) -> np.ndarray:
     n, arms = len(legs), (legs - centroid)[:, :2].T
     arms = arms / np.abs(arms).max()
     rows = np.vstack([arms, EQUAL_WEIGHT * np.eye(n), np.full(n, SUM_WEIGHT)])
-    found, _ = nnls(rows, np.r_[0, 0, np.full(n, EQUAL_WEIGHT / n), SUM_WEIGHT])
-    return found / found.sum()
+    shares, _ = nnls(rows, np.r_[0, 0, np.full(n, EQUAL_WEIGHT / n), SUM_WEIGHT])
+    return shares / shares.sum()
 
 
 def hull_moments(vertices, triangles) -> np.ndarray:
@@ -253,8 +253,9 @@ def window_of(job, guess=None, resting=None) -> Window:
     if near_start:
         vertices = np.reshape(guess[0], (-1, 3))
         shape = with_supports(shape, vertices)
-    known = job.scene, shape, job.precision, job.reductions
-    window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
+    window = reduce(
+        job.data, job.scene, shape, job.precision, job.reductions, guess, job.cuts
+    )
     if not near_start:
         return window
     x = guess[1]

@@ -201,10 +201,10 @@ def _samples_in_reach(samples, scene, shape, guess, precision) -> Samples:
 
 def _steps(data, scene, pose, first, before, moving) -> Steps:
     """Return the steps that end at moving samples; an action starts at rest."""
-    known = moving & ~first
+    ends_step = moving & ~first
     if coasts(scene):  # its speed at the start of a later action is unknown
-        known &= ~first[before] | (data.action == data.action[0])
-    samples = np.nonzero(known)[0]
+        ends_step &= ~first[before] | (data.action == data.action[0])
+    samples = np.nonzero(ends_step)[0]
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]

@@ -46,8 +46,8 @@ class UnreducedProblem:
     @property
     def whole_slope(self) -> np.ndarray:
         """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
-        named = self.multipliers, self.multipliers
-        return self.slope + gradient(self.problem, self.x, self.data, *named)
+        lam = self.multipliers
+        return self.slope + gradient(self.problem, self.x, self.data, lam, weights=lam)
 
 
 def unreduced(job, solved) -> UnreducedProblem:
@@ -97,9 +97,9 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
 
 def _columns(old, source, otherwise) -> np.ndarray:
     """Return columns `source` of `old`, those of `otherwise` where there is none."""
-    known = (source >= 0) & (source < old.shape[1])
+    kept = (source >= 0) & (source < old.shape[1])
     out = otherwise.copy()
-    out[:, known] = old[:, source[known]]
+    out[:, kept] = old[:, source[kept]]
     return out
 
 

@@ -268,7 +268,7 @@ class Window:
             push=changed(self.push, "p_wf", "p_wf_1"),
         )  # fmt: skip
 
-    def followed(self, rows, slopes) -> np.ndarray:
+    def rigid_moves(self, rows, slopes) -> np.ndarray:
         """Return what moves of corners that can lift (corners, k) do to a rigid body.
 
         rows (corners, k): what a move of each alone does; slopes: of the corners'
