@@ -3,12 +3,15 @@ r"""The contact terms of the printed problem (paper.py): (1) to (4), and the con
     (1) lam_n phi      (2) |v_s|^2 lam_n + v_s . lam_t      (3) min(0, phi)^2
     (4) lam_n max(v_n, 0)            FC = {|lam_t| <= mu lam_n}
 
-The expressions are in contact.py; here they become terms, energies over w MM, the work
-of lifting the object by 1 mm.  `now` is a Step, `at` the Push of a finger or the Corner
-of a ground contact; gap(theta, x, at) and velocity(now, at) are those of a contact.
+Each is a term, an energy over w MM, the work of lifting the object by 1 mm.  (1) is of
+either sign, (2) a sum of unlike units, and the curvature of (3) jumps at 0.  `now` is a
+Step, `at` the Push of a finger or the Corner of a ground contact; gap(theta, x, at) and
+velocity(now, at) are those of a contact.
 """
 
 from __future__ import annotations
+
+import casadi as ca
 
 from . import contact, friction
 from .contact import MM
@@ -32,7 +35,7 @@ def maximum_dissipation(nlp, name, velocity, now, at):
 
     def dissipation(now, at, nats):
         _, v_s = velocity(now, at)
-        energy = contact.printed_dissipation(at.lam, v_s)
+        energy = ca.sumsqr(v_s) * at.lam[0] + ca.dot(v_s, at.lam[1:3])
         return nats * energy * now.dt / (now.w * MM)
 
     weight = nlp.parameters["dissipation"]
@@ -54,7 +57,7 @@ def complementarity(nlp, name, gap, now, at):
 
     def energy(now, at, nats):
         phi = gap(now.theta, now.x, at)
-        return nats * contact.printed_complementarity(at.lam, phi) / (now.w * MM)
+        return nats * (at.lam[0] * phi) / (now.w * MM)
 
     weight = nlp.parameters["complementarity"]
     nlp.minimize(f"{name} complementarity", energy, now, at, weight, role="physics")
@@ -76,7 +79,7 @@ def non_penetration(nlp, name, gap, theta, x, at):
     """Add non-penetration (3)."""
 
     def penetration(theta, x, deviation, at):
-        return contact.penetration_squared(gap(theta, x, at)) / (2 * deviation**2)
+        return ca.fmin(0, gap(theta, x, at)) ** 2 / (2 * deviation**2)
 
     deviation = nlp.parameters["penetration deviation"]
     nlp.minimize(
