@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
-from formulations.names import BALL, FINGER, GROUND, TOUCH_TERM
+from formulations.names import BALL, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
@@ -22,7 +22,7 @@ from ..information.measurement_noise import touches
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import Reductions, coasts
-from ..problem.unreduced import corners_of, rows_of, samples_of
+from ..problem.unreduced import matching_contacts
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import continued, warm_started
@@ -197,10 +197,7 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
         values[BALL][:3] = turn @ values[BALL][:3]
         values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
         values["body"] = window.body[:, None]
-        pushes = samples_of(last.window.push), samples_of(window.push)
-        corners = corners_of(last.window), corners_of(window)
-        for name, keys in ((FINGER, pushes), (GROUND, corners)):
-            row = rows_of(*keys)
+        for name, row in matching_contacts(last.window, window).items():
             values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
         return solution
 
