@@ -58,7 +58,7 @@ def build(nlp, window, scene, shape):
     add_free(nlp, window, shape, theta, x)
     add_coasting(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
-    indentation.prior(nlp, depth)
+    indentation.add_prior(nlp, depth)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
     nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
@@ -74,19 +74,19 @@ def build(nlp, window, scene, shape):
     pushes, corners = Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
     law = Balance(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
-    balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
+    add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
-    sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes, eps)
-    separation(nlp, fingers, now, at, eps)
+    add_sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes, eps)
+    add_separation(nlp, fingers, now, at, eps)
     now = steps_of(step, theta, x, corners.w, corner.step)
     at = Corner(None, corners.lam, corner.signs)
-    sliding(nlp, names.GROUND, ground.velocity, now, at, corners, eps)
-    finger_contact.report(nlp, window, fingers, theta, x, pushes)
+    add_sliding(nlp, names.GROUND, ground.velocity, now, at, corners, eps)
+    finger_contact.report_impulses(nlp, window, fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
 
 
-def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
+def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
 
     def imbalance(theta, x, x_1, x_2, dt, w, centre, slack, *contacts):
@@ -106,7 +106,7 @@ def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         )  # fmt: skip
 
 
-def sliding(nlp, name, velocity, now, at, impulses, eps):
+def add_sliding(nlp, name, velocity, now, at, impulses, eps):
     """Add the friction cone, and maximum dissipation within eps.
 
     velocity(now, at) -> v_n, v_s of a contact `at` (a Push or a Corner) in a Step.
@@ -129,7 +129,7 @@ def sliding(nlp, name, velocity, now, at, impulses, eps):
     add_cone(nlp, name, impulses, cone)
 
 
-def separation(nlp, fingers, now, at, eps):
+def add_separation(nlp, fingers, now, at, eps):
     """Add non-penetration; complementarity and inelasticity within eps."""
     depth, apart = nlp.variables[names.DEPTH_OF_TOUCH], at._replace(lam=None)
 

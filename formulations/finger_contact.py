@@ -157,10 +157,10 @@ def add(nlp, window, fingers, theta, x, pushes):
         x[:, step.pose[f.step]], sensed(f, lam[:, silent]), w[silent], kappa,
         role="physics",
     )  # fmt: skip
-    report(nlp, window, fingers, theta, x, pushes)
+    report_impulses(nlp, window, fingers, theta, x, pushes)
 
 
-def report(nlp, window, fingers, theta, x, pushes):
+def report_impulses(nlp, window, fingers, theta, x, pushes):
     """Report the impulse of every push on the body."""
     f, theta = window.push, pushes.part(theta, slice(None))
     at = Push(None, pushes.lam, f.p_wf, f.radius, f.tangent)
@@ -168,7 +168,7 @@ def report(nlp, window, fingers, theta, x, pushes):
     nlp.report(FINGER_IMPULSE, fingers.impulse, theta, now, at)
 
 
-def unseen(nlp, window, fingers, theta, x, pushes):
+def add_unseen(nlp, window, fingers, theta, x, pushes):
     """Add the costs of fingers whose samples are missing: they may push or not."""
     rows, (now, before), p = window.unseen, window.lasting, nlp.parameters
     lam, w, f = pushes.lam, pushes.w, window.push.pick(rows)

@@ -110,7 +110,7 @@ def of_pushes(nlp, pushes, rows):
     return Soft(d, c, pushes.lam[:, rows], pushes.w[rows], 1.0)
 
 
-def prior(nlp, indentation):
+def add_prior(nlp, indentation):
     """Add the priors of d and c, where these are unknown; report the indentation."""
     d = indentation.depth
     nlp.minimize("depth prior", lambda d: (d / DEPTH) ** 2 / 2, d, role="prior")

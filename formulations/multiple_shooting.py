@@ -48,7 +48,7 @@ def build(nlp, window, scene, shape):
     add_free(nlp, window, shape, theta, x)
     add_coasting(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
-    indentation.prior(nlp, depth)
+    indentation.add_prior(nlp, depth)
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground)

@@ -75,12 +75,12 @@ def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     body = Physics(window, scene, shape)
     theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
-    loss(nlp, window, body, theta, x)
+    add_loss(nlp, window, body, theta, x)
     step, push = window.step, window.push
     lam, lam_g = g.impulses(nlp, window, scene, shape)
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
-    dynamics(nlp, window, body, theta, x, lam, lam_g)
+    add_dynamics(nlp, window, body, theta, x, lam, lam_g)
 
     gap, velocity = body.fingers.gap, body.fingers.velocity
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
@@ -92,13 +92,13 @@ def build(nlp, window, scene, shape):
     g.inelasticity(nlp, "finger", velocity, now, at)
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], sensed(f))
-    ground(nlp, window, scene, body, theta, x, lam_g, w)
+    add_ground(nlp, window, scene, body, theta, x, lam_g, w)
     pushes = Impulses(lam, mu, now.w)
-    finger_contact.report(nlp, window, body.fingers, theta, x, pushes)
+    finger_contact.report_impulses(nlp, window, body.fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, body.ground.impulse, lam_g)
 
 
-def ground(nlp, window, scene, body, theta, x, lam_g, w):
+def add_ground(nlp, window, scene, body, theta, x, lam_g, w):
     """Add (1) to (4) and FC of the corners on the ground."""
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
     gap, velocity = body.ground.gap, body.ground.velocity
@@ -116,7 +116,7 @@ def ground(nlp, window, scene, body, theta, x, lam_g, w):
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], resting)
 
 
-def loss(nlp, window, body, theta, x):
+def add_loss(nlp, window, body, theta, x):
     """Add eq:loss of every sample."""
     alpha = nlp.parameter("alpha", ALPHA, "1/m")
     inverse = ca.densify(ca.inv(ca.DM(SIGMA_N))).nonzeros()
@@ -132,7 +132,7 @@ def loss(nlp, window, body, theta, x):
     )  # fmt: skip
 
 
-def dynamics(nlp, window, body, theta, x, lam, lam_g):
+def add_dynamics(nlp, window, body, theta, x, lam, lam_g):
     """Add |x_{t+1} - f_theta(x_t, lam_t, r_t)|^2, by number of pushing fingers."""
     gap, deviation = window.gap, nlp.parameters["dynamics deviation"]
     pushes, corners = Impulses(lam, None, None), Impulses(lam_g, None, None)

@@ -1,7 +1,7 @@
 r"""One more action of a polytope: the earlier ones as a Gaussian prior of its vertices.
 
     min  eq:loss of the action                                (polytope_quasi_static.py)
-       + (v - v_0)' Lambda (v - v_0) / 2                                        (`past`)
+       + (v - v_0)' Lambda (v - v_0) / 2                                    (`add_past`)
        + least motion, or the physics of every step     (polytope_violation_implicit.py)
     s.t. v_z >= 0
     over v_j, x_k of the action, and lam_k
@@ -24,15 +24,15 @@ PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss of the action, the prior, and least motion."""
-    polytope_quasi_static.build(nlp, window, scene, shape, past)
+    polytope_quasi_static.build(nlp, window, scene, shape, add_past)
 
 
 def build_pushed(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp of the action, and the prior."""
-    polytope_violation_implicit.build(nlp, window, scene, shape, past)
+    polytope_violation_implicit.build(nlp, window, scene, shape, add_past)
 
 
-def past(nlp, window, shape, theta):
+def add_past(nlp, window, shape, theta):
     """Add the prior: window.information (3 V, 3 V) [1/m^2] about window.past."""
     n = theta.rows * theta.columns
 

@@ -27,7 +27,7 @@ from .between_actions import HEAVY, add_fixed_width
 from .level import Level
 from .likelihood import add_free, add_touches
 from .names import BALL
-from .quasi_static import least_motion
+from .quasi_static import add_least_motion
 from .rigid_body import declare_poses
 
 REDUCTIONS = {"planar": True}  # no term keeps a free body on the ground
@@ -53,7 +53,7 @@ def declare_vertices(nlp, window):
     )  # fmt: skip
 
 
-def ball(nlp, window, shape, theta):
+def add_ball_prior(nlp, window, shape, theta):
     """Add the priors of a body that was not touched yet."""
     mean, deviation = shape.size_prior
     sphere = nlp.variable(
@@ -81,7 +81,7 @@ def ball(nlp, window, shape, theta):
     nlp.minimize("stay", near_start, theta, window.start, role="regulariser")
 
 
-def build(nlp, window, scene, shape, prior=ball):
+def build(nlp, window, scene, shape, prior=add_ball_prior):
     """Fill `nlp` with what was felt, and least motion.
 
     prior(nlp, window, shape, theta): adds what was known of the vertices before.
@@ -92,4 +92,4 @@ def build(nlp, window, scene, shape, prior=ball):
     add_free(nlp, window, shape, near_free, x)
     add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     prior(nlp, window, shape, theta)
-    least_motion(nlp, window, shape, 0.0, x)
+    add_least_motion(nlp, window, shape, 0.0, x)

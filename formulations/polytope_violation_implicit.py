@@ -35,9 +35,9 @@ from .finger_turn import with_normals_turned_back
 from .level import Level
 from .likelihood import add_free, add_touches
 from .polytope import inertia_about, whole_moments
-from .polytope_quasi_static import ball, declare_vertices
+from .polytope_quasi_static import add_ball_prior, declare_vertices
 from .rigid_body import MassProperties, declare_poses
-from .violation_implicit import NORMAL, TOUCH, impulses_of, physics
+from .violation_implicit import NORMAL, TOUCH, add_physics, impulses_of
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED
@@ -60,7 +60,7 @@ LEVELS = (
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
 
-def build(nlp, window, scene, shape, prior=ball):
+def build(nlp, window, scene, shape, prior=add_ball_prior):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step.
 
     prior(nlp, window, shape, theta): adds what was known of the vertices before.
@@ -74,14 +74,14 @@ def build(nlp, window, scene, shape, prior=ball):
     add_free(nlp, window, shape, near_free, x)
     add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     prior(nlp, window, shape, theta)
-    indentation.prior(nlp, delta)
+    indentation.add_prior(nlp, delta)
     pushes = replace(pushes, theta=theta[:, window.near_push])
     corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)
     law = Balance(*contacts_of(window, shape), scene.gravity, hull_body)
     resting = theta[:, window.resting]
     centre = centre_of_mass.declare(nlp, window, scene, shape)
-    physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
+    add_physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
 
 
 def mass(nlp, window, theta):

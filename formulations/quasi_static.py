@@ -53,10 +53,10 @@ def build(nlp, window, scene, shape):
     add_free(nlp, window, shape, theta, x)
     add_fixed_width(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
-    least_motion(nlp, window, shape, theta, x)
+    add_least_motion(nlp, window, shape, theta, x)
 
 
-def least_motion(nlp, window, shape, theta, x):
+def add_least_motion(nlp, window, shape, theta, x):
     """Add the price of motion: an object that is pushed moves no more than it must.
 
     While a finger that may push is not seen, motion lasts: its change has that price.

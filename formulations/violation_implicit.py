@@ -11,8 +11,8 @@ r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
          height of every corner >= 0               ground_contact.py
     over theta, x_k, lam_k, delta, c
 
-`physics` adds what follows the priors.  An impulse is compared with the weight over its
-time step, w = m g dt, and an energy with the work of lifting the object by a
+`add_physics` adds what follows the priors.  An impulse is compared with the weight over
+its time step, w = m g dt, and an energy with the work of lifting the object by a
 millimetre, which costs kappa nats: mass and time step cancel.
 
 Departures from the printed equations:
@@ -93,10 +93,10 @@ def build(nlp, window, scene, shape, law=Balance):
     add_free(nlp, window, shape, theta, x)
     add_coasting(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
-    indentation.prior(nlp, delta)
+    indentation.add_prior(nlp, delta)
     c = centre_of_mass.declare(nlp, window, scene, shape)
     law = law(*contacts_of(window, shape), scene.gravity)
-    physics(nlp, window, law, theta, x, w, c, pushes, corners)
+    add_physics(nlp, window, law, theta, x, w, c, pushes, corners)
 
 
 def impulses_of(nlp, window, scene, shape, share=None):
@@ -122,7 +122,7 @@ def impulses_of(nlp, window, scene, shape, share=None):
     return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
 
 
-def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):
+def add_physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):
     """Add the balance of every step, g of fingers and ground, and the friction cones.
 
     law: a balance.Balance, theta: the body that it reads; centre: of mass, from the
@@ -130,7 +130,7 @@ def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None
     """
     balance.add(nlp, window, law, theta, x, w, centre, pushes, corners)
     finger_contact.add(nlp, window, law.fingers, theta, x, pushes)
-    finger_contact.unseen(nlp, window, law.fingers, theta, x, pushes)
+    finger_contact.add_unseen(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
     add_cone(nlp, FINGER, pushes)
     add_cone(nlp, GROUND, corners)

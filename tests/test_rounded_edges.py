@@ -70,10 +70,12 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         add_free(problem, window, shape, *x)
         add_coasting(problem, window, shape, *x)
         add_size_prior(problem, shape, x[0])
-        indentation.prior(problem, delta)
+        indentation.add_prior(problem, delta)
         fingers, ground = contacts_of(window, CUBOID)
         law = violation_implicit.Balance(fingers, ground, scene.gravity)
-        violation_implicit.physics(problem, window, law, *x, w, 0.0, pushes, corners)
+        violation_implicit.add_physics(
+            problem, window, law, *x, w, 0.0, pushes, corners
+        )
         values = kkt.problem.unpack(kkt.x)
         found = solve(problem, SolverOptions(ipopt={"mu_init": 1e-7}), start=values)
         assert found.success
