@@ -122,13 +122,13 @@ def _at(shape, theta):
 
 
 def _of_reach(shape, signed, rays, reach):
-    outside = signed.map(PROBES)(rays * reach * (1 + 1e-3))
+    outside = signed(rays * reach * (1 + 1e-3))
     if (worst := float(ca.mmin(outside))) < -OFF:
         yield (
             "distance beyond reach(theta)", _mm(worst), "at least 0 mm",
             _REACH[shape.reach is half_diagonal],
         )  # fmt: skip
-    inside = signed.map(PROBES)(rays * 1e-3 * reach)
+    inside = signed(rays * 1e-3 * reach)
     if not float(ca.mmax(inside)) < 0:
         yield (
             "distance beside the origin", _mm(float(ca.mmax(inside))), "below 0",
@@ -138,10 +138,9 @@ def _of_reach(shape, signed, rays, reach):
 
 def _radii(signed, rays, reach):
     low, high = ca.DM.zeros(1, PROBES), reach * (1 + 1e-3) * ca.DM.ones(1, PROBES)
-    many = signed.map(PROBES)
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        within = many(rays * ca.repmat(middle, 3, 1)) < 0
+        within = signed(rays * ca.repmat(middle, 3, 1)) < 0
         low = ca.if_else(within, middle, low)
         high = ca.if_else(within, high, middle)
     return (low + high) / 2
@@ -149,7 +148,7 @@ def _radii(signed, rays, reach):
 
 def _of_distance(signed, outward, points):
     """Yield whether normals are the slopes of a distance that is one."""
-    n = outward.map(PROBES)(points)
+    n = outward(points)
     length = ca.sqrt(ca.sum1(n * n))
     if abs(float(ca.mmax(ca.fabs(length - 1)))) > BENT:
         yield (
@@ -157,7 +156,7 @@ def _of_distance(signed, outward, points):
             "divide normal by its length, or use gradient_normal(distance)",
         )  # fmt: skip
     away = points + TIP * n
-    usual, worst = _off(ca.fabs(signed.map(PROBES)(away) - TIP))
+    usual, worst = _off(ca.fabs(signed(away) - TIP))
     if not usual < OFF:
         yield (
             "distance of points 10 mm out along the normal",
@@ -166,9 +165,9 @@ def _of_distance(signed, outward, points):
             "not a function that is only zero there; or correct the normal",
         )  # fmt: skip
     out = points + TIP * points / ca.repmat(ca.sqrt(ca.sum1(points * points)), 3, 1)
-    d = signed.map(PROBES)(out)
-    foot = out - ca.repmat(d, 3, 1) * outward.map(PROBES)(out)
-    usual, worst = _off(ca.fabs(signed.map(PROBES)(foot)))
+    d = signed(out)
+    foot = out - ca.repmat(d, 3, 1) * outward(out)
+    usual, worst = _off(ca.fabs(signed(foot)))
     if not usual < OFF:
         yield (
             "nearest point of the surface, beyond edges as well",
@@ -178,7 +177,7 @@ def _of_distance(signed, outward, points):
         )  # fmt: skip
     q = (ca.SX if outward.is_a("SXFunction") else ca.MX).sym("q", 3)
     slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
-    m, there = slope.map(PROBES)(away), outward.map(PROBES)(away)
+    m, there = slope(away), outward(away)
     usual, worst = _off(ca.sqrt(ca.sum1((m - there) ** 2)))
     if not usual < BENT:
         yield (
@@ -243,7 +242,7 @@ def _of_symmetries(shape, theta, signed, points):
         renamed = ca.vertcat(*(theta[i] for i in order))
         q = shape.symbol("q", 3)
         again = ca.Function("distance", [q], [shape.distance(renamed, q, CHECKED_EDGE)])
-        off = again.map(PROBES)(ca.DM(S).T @ points) - signed.map(PROBES)(points)
+        off = again(ca.DM(S).T @ points) - signed(points)
         if (worst := float(ca.mmax(ca.fabs(off)))) > OFF:
             yield (
                 f"the symmetry {order}, {S}", f"a surface that is {_mm(worst)} off",
@@ -257,7 +256,7 @@ def _of_symmetries(shape, theta, signed, points):
 def _of_mesh(mesh, signed, points):
     """Yield whether the mesh is the surface on which the distance is zero."""
     corners = ca.DM(mesh).T
-    off = float(ca.mmax(ca.fabs(signed.map(corners.shape[1])(corners))))
+    off = float(ca.mmax(ca.fabs(signed(corners))))
     if off > OFF:
         yield (
             "distance of the mesh's points", _mm(off), f"0 to {_mm(OFF)}",
