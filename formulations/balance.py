@@ -68,6 +68,12 @@ class Balance:
         return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
 
 
+def contacts_of(window, shape):
+    """Return the functions of the contacts of a shape with fingers and ground."""
+    ground = GroundContact(shape, window.motion)
+    return FingerContact(shape, window.motion, window.finger), ground
+
+
 def add(nlp, window, balance, theta, x, w, centre, pushes, corners):
     """Add the cost of every step.
 

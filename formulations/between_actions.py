@@ -23,34 +23,34 @@ NORM_POWER = 3 / 2  # power of width^2 in the norm of that density: of three dim
 HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
 
 
-def fixed(nlp, window, shape, theta, x, power=CAUCHY):
+def add_fixed_width(nlp, window, shape, theta, x, power=CAUCHY):
     """Add the density of fixed width `gap scale`."""
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
 
-    def jumped(theta, x, x_1, gap):
+    def way_cost(theta, x, x_1, gap):
         return power * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.pose], x[:, g.before], gap_scale,
+        "between actions", way_cost, theta, x[:, g.pose], x[:, g.before], gap_scale,
         role="prior",
     )  # fmt: skip
 
 
-def coasting(nlp, window, shape, theta, x):
+def add_coasting(nlp, window, shape, theta, x):
     """Add the density that is wider where the body still slides."""
     motion, g = window.motion, window.gap
     gap_scale = nlp.parameter("gap scale", GAP, "m")
     braking = window.braking + 0 * g.dt  # [m/s^2] of every gap
 
-    def jumped(theta, x, x_1, x_2, dt, gap, braking):
+    def way_cost(theta, x, x_1, x_2, dt, gap, braking):
         v_squared = way_squared(motion, shape, theta, x_1, x_2) / dt**2
         width_squared = gap**2 + (v_squared / (2 * braking)) ** 2
         way = way_squared(motion, shape, theta, x, x_1) / width_squared
         return CAUCHY * ca.log(1 + way) + NORM_POWER * ca.log(width_squared / gap**2)
 
     nlp.minimize(
-        "between actions", jumped, theta, x[:, g.pose], x[:, g.before],
+        "between actions", way_cost, theta, x[:, g.pose], x[:, g.before],
         x[:, g.before_2], g.dt, gap_scale, braking, role="prior",
     )  # fmt: skip
 

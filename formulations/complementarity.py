@@ -1,6 +1,6 @@
 r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
 
-    min  sum_t L_t(theta, x_t)                          eq:loss, as in quasi_static.py
+    min  sum_t L_t(theta, x_t), way between actions, priors   as in violation_implicit
        + sum LEAST |lam / w|^2                          least impulse, friction.py
     s.t. |unbalanced impulse, in weights| <= slack      x_{k+1} = f(x, lam, r)
          phi + depth >= 0,  lam_n >= 0
@@ -10,9 +10,9 @@ r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
          (mu lam_n)^2 - |lam_t|^2      >= -(r w)^2      friction cone, r = APEX_ROUNDING
     over theta, x_k, lam_k, depth
 
-The balance is in balance.py.  Scholtes' relaxation: eps [weights mm] falls by levels to
-EPS.  Eq:loss, priors and impulses are those of violation_implicit.py, where the same
-products are penalties.  In planar motion phi = 0 of the ground holds by construction.
+Scholtes' relaxation: eps [weights mm] falls by levels to EPS; the same products are
+penalties in violation_implicit.py.  In planar motion phi = 0 of the ground holds by
+construction.  The balance is in balance.py.
 
 Departures:
   |v_s|   is rounded from below by V = SPEED_ROUNDING: sqrt(v^2 + V^2) - V
@@ -23,20 +23,18 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import centre_of_mass, contact, finger_contact, names
-from .balance import Balance, groups, moves
+from . import centre_of_mass, contact, finger_contact, indentation, names
+from .balance import Balance, contacts_of, groups, moves
+from .between_actions import add_coasting
 from .contact import MM
 from .finger_contact import pushing
-from .friction import Impulses, cone_violation, friction, impulses, least
+from .friction import Impulses, add_cone, friction, impulses
 from .ground_contact import Corner
 from .level import Level
-from .rigid_body import ARM, G, steps_of
-from .violation_implicit import (
-    APEX_ROUNDING,
-    SPEED_ROUNDING,
-    add_likelihood,
-    contacts_of,
-)
+from .likelihood import add_free, add_touches
+from .rigid_body import ARM, G, declare_poses, steps_of
+from .size_prior import add_size_prior, declare_sizes
+from .violation_implicit import APEX_ROUNDING, NORMAL, SPEED_ROUNDING, TOUCH
 
 # Free motion and contacts without friction have not been tested.
 REDUCTIONS = {"planar": True, "frictionless": False}
@@ -54,41 +52,41 @@ EPS = 1e-3  # [weights mm] of every relaxed product at the last level
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and the physics of every step as constraints."""
-    theta, x = add_likelihood(nlp, window, scene, shape)
+    depth = indentation.declare(nlp, window, scene)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, depth)
+    add_free(nlp, window, shape, theta, x)
+    add_coasting(nlp, window, shape, theta, x)
+    add_size_prior(nlp, shape, theta)
+    indentation.add_prior(nlp, depth)
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
+    nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
     fingers, ground = contacts_of(window, shape)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
-    pushes, corners = impulses_of(nlp, window, scene, shape, w)
+    w_f, w_g = w[push.step], w[corner.step]
+    size = w.mean() if len(w) else scene.mass * G
+    lam = impulses(nlp, names.FINGER, w_f, size, size / 10)
+    lam_g = impulses(nlp, names.GROUND, w_g, size, w_g / len(shape.corners))
+    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
+    mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
+    pushes, corners = Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
     law = Balance(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
-    balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
-
+    add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
-    sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes.mu, eps)
-    separation(nlp, fingers, now, at, eps)
+    add_sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes, eps)
+    add_separation(nlp, fingers, now, at, eps)
     now = steps_of(step, theta, x, corners.w, corner.step)
     at = Corner(None, corners.lam, corner.signs)
-    sliding(nlp, names.GROUND, ground.velocity, now, at, corners.mu, eps)
-    finger_contact.report(nlp, window, fingers, theta, x, pushes)
+    add_sliding(nlp, names.GROUND, ground.velocity, now, at, corners, eps)
+    finger_contact.report_impulses(nlp, window, fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
 
 
-def impulses_of(nlp, window, scene, shape, w):
-    """Declare the friction.Impulses of fingers and of the ground."""
-    w_f, w_g = w[window.push.step], w[window.corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    lam = impulses(nlp, names.FINGER, w_f, size, size / 10)
-    share = w_g / max(1, len(shape.corners))
-    lam_g = impulses(nlp, names.GROUND, w_g, size, share)
-    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
-    mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
-    return Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
-
-
-def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
+def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
 
     def imbalance(theta, x, x_1, x_2, dt, w, centre, slack, *contacts):
@@ -108,12 +106,11 @@ def balanced(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         )  # fmt: skip
 
 
-def sliding(nlp, name, velocity, now, at, mu, eps):
+def add_sliding(nlp, name, velocity, now, at, impulses, eps):
     """Add the friction cone, and maximum dissipation within eps.
 
     velocity(now, at) -> v_n, v_s of a contact `at` (a Push or a Corner) in a Step.
     """
-    lam, w = at.lam, now.w
 
     def dissipation(now, at, mu, eps):
         _, v_s = velocity(now, at)
@@ -122,16 +119,17 @@ def sliding(nlp, name, velocity, now, at, mu, eps):
         loss -= most * SPEED_ROUNDING
         return loss * now.dt / (now.w * MM) - eps
 
-    def cone(lam, mu, w):
-        return contact.cone_squared(mu, lam / w) + APEX_ROUNDING**2
+    def cone(lam, mu, w, r):
+        return contact.cone_squared(mu, lam / w) + r**2
 
-    nlp.subject_to(f"{name} dissipation", dissipation, now, at, mu, eps, upper=0)
-    nlp.subject_to(f"{name} cone", cone, lam, mu, w, lower=0)
-    nlp.report(f"{name} cone{names.EXACT}", cone_violation, lam, mu, w)
-    nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
+    nlp.subject_to(
+        f"{name} dissipation", dissipation, now, at, impulses.mu, eps, upper=0,
+        per=at.lam,
+    )  # fmt: skip
+    add_cone(nlp, name, impulses, cone)
 
 
-def separation(nlp, fingers, now, at, eps):
+def add_separation(nlp, fingers, now, at, eps):
     """Add non-penetration; complementarity and inelasticity within eps."""
     depth, apart = nlp.variables[names.DEPTH_OF_TOUCH], at._replace(lam=None)
 
@@ -143,5 +141,9 @@ def separation(nlp, fingers, now, at, eps):
         both = ca.vertcat(gap(now.theta, now.x, depth, at), v_n * now.dt / MM)
         return at.lam[0] / now.w * both - eps
 
-    nlp.subject_to("finger gap", gap, now.theta, now.x, depth, apart, lower=0)
-    nlp.subject_to("finger complementarity", products, now, at, depth, eps, upper=0)
+    nlp.subject_to(
+        "finger gap", gap, now.theta, now.x, depth, apart, lower=0, per=at.lam
+    )
+    nlp.subject_to(
+        "finger complementarity", products, now, at, depth, eps, upper=0, per=at.lam
+    )

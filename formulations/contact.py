@@ -124,24 +124,6 @@ def cone_squared(mu, lam):
     return (mu * lam[0]) ** 2 - lam[1] ** 2 - lam[2] ** 2
 
 
-# As printed: the paper's own forms, of the page `paper` and its benchmark.
-
-
-def printed_complementarity(lam, phi):
-    """Return lam_n phi: of either sign, an impulse at phi < 0 is rewarded."""
-    return lam[0] * phi
-
-
 def inelasticity(lam, v_n, v_eps):
     """Return lam_n max(v_n, 0): a normal impulse returns no energy."""
     return lam[0] * positive_part(v_n, v_eps)
-
-
-def printed_dissipation(lam, v_s):
-    """Return |v_s|^2 lam_n + v_s . lam_t, v_s (2,) [m/s]: a sum of unlike units."""
-    return ca.sumsqr(v_s) * lam[0] + ca.dot(v_s, lam[1:3])
-
-
-def penetration_squared(phi):
-    """Return min(0, phi)^2 [m^2]: once differentiable, its curvature jumps at 0."""
-    return ca.fmin(0, phi) ** 2

@@ -94,10 +94,10 @@ def _along(shape):
     tau = TAU * rho
     distance = shape.distance(theta, c + u * a, rho / 10)
     F = (1 - u * u) * ca.gradient(distance, u) + 2 * tau * u
-    given = [u, theta, c, a, rho]
+    arguments = [u, theta, c, a, rho]
     return (
-        ca.Function("slope", given, [F], {"cse": True}),
-        ca.Function("steepness", given, [ca.gradient(F, u)], {"cse": True}),
+        ca.Function("slope", arguments, [F], {"cse": True}),
+        ca.Function("steepness", arguments, [ca.gradient(F, u)], {"cse": True}),
     )
 
 
@@ -108,8 +108,8 @@ class Finger:
     numbers: how many p_wf has; core(shape, theta, pose, p_wf, rho) -> (3,) [m] nearest
     point of the core, world frame; before(p_w, p_wf, p_wf_1) -> (3,) [m] where the
     finger's own point p_w was when the finger was at p_wf_1; felt(normal, p_wf) -> (3,)
-    the normal that the finger measures; measured(told) -> (3,) the measured normal, of
-    what is told of it.
+    the normal that the finger measures; measured(normal) -> (3,) the measured normal,
+    from what a page has as such.
     """
 
     numbers: int

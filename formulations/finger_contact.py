@@ -109,13 +109,13 @@ class FingerContact:
         energy = contact.complementarity(push.lam, phi, push.rho / ROUNDINGS)
         return kappa * energy / (w * MM) + UNFELT * push.lam[0] / w
 
-    def unseen(self, theta, x, push, inside, w, kappa, sigma):
+    def unseen_impulse(self, theta, x, push, inside, w, kappa, sigma):
         """Return the cost of an impulse across a gap, and of penetration."""
         phi = self.gap(theta, x, push) + inside.delta()
         energy = contact.complementarity(push.lam, phi, GAP_ROUNDING)
         return kappa * energy / (w * MM) + sensing.touch(ca.fmin(phi, 0), sigma)
 
-    def lasting(self, lam, lam_1, w, w_1):
+    def impulse_change(self, lam, lam_1, w, w_1):
         """Return the cost of how a normal impulse changed since the sample before."""
         change = lam[0] / w - lam_1[0] / w_1
         return (ca.sqrt(change**2 + CHANGE_ROUNDING**2) - CHANGE_ROUNDING) / CHANGE
@@ -157,10 +157,10 @@ def add(nlp, window, fingers, theta, x, pushes):
         x[:, step.pose[f.step]], sensed(f, lam[:, silent]), w[silent], kappa,
         role="physics",
     )  # fmt: skip
-    report(nlp, window, fingers, theta, x, pushes)
+    report_impulses(nlp, window, fingers, theta, x, pushes)
 
 
-def report(nlp, window, fingers, theta, x, pushes):
+def report_impulses(nlp, window, fingers, theta, x, pushes):
     """Report the impulse of every push on the body."""
     f, theta = window.push, pushes.part(theta, slice(None))
     at = Push(None, pushes.lam, f.p_wf, f.radius, f.tangent)
@@ -168,17 +168,17 @@ def report(nlp, window, fingers, theta, x, pushes):
     nlp.report(FINGER_IMPULSE, fingers.impulse, theta, now, at)
 
 
-def unseen(nlp, window, fingers, theta, x, pushes):
+def add_unseen(nlp, window, fingers, theta, x, pushes):
     """Add the costs of fingers whose samples are missing: they may push or not."""
     rows, (now, before), p = window.unseen, window.lasting, nlp.parameters
     lam, w, f = pushes.lam, pushes.w, window.push.pick(rows)
     inside = indentation.of_pushes(nlp, pushes, rows)
     nlp.minimize(
-        "unseen finger", fingers.unseen, pushes.part(theta, rows),
+        "unseen finger", fingers.unseen_impulse, pushes.part(theta, rows),
         x[:, window.step.pose[f.step]], sensed(f, lam[:, rows]), inside, w[rows],
         p["kappa"], p[TOUCH_SCALE], role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "lasting push", fingers.lasting, lam[:, now], lam[:, before], w[now], w[before],
-        role="prior",
+        "lasting push", fingers.impulse_change, lam[:, now], lam[:, before], w[now],
+        w[before], role="prior",
     )  # fmt: skip

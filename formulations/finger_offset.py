@@ -1,6 +1,6 @@
 r"""Fingers with an unknown position error: each is displaced by a constant e_f.
 
-    p_wf + e_f                            in place of p_wf, everywhere    (`elsewhere`)
+    p_wf + e_f                            in place of p_wf, everywhere (`with_offset`)
     sum_f |e_f|^2 / (2 sigma^2)           e_f ~ N(0, sigma^2), world frame  (`prior`)
 
 A zero offset of a degree in the joints puts a tip 3 to 5 mm off, by nearly the same
@@ -13,11 +13,11 @@ prior separates the two, until the body has turned or the fingers have changed s
 Where the joints are known (an object of fields `place`, `slope`, `turn`, `covariance`,
 a finger each), the same zero offsets displace and turn a finger, with p its place:
 
-    p_wf + e_f + ((p_wf - p) . slope) e_f             n - (turn e_f) x n    (`turned`)
+    p_wf + e_f + ((p_wf - p) . slope) e_f             n - (turn e_f) x n
     sum_f  e_f' covariance^-1 e_f / 2                               (`prior_within`)
 
 n is the measured normal: on an upright side it tilts as the finger does.  That
-determines the mean of all e_f, which no distance does.
+determines the mean of all e_f, which no distance does (`with_joint_zeros`).
 """
 
 from __future__ import annotations
@@ -40,19 +40,12 @@ def displaced(nlp, window, scene):
     joints = scene.joints
     e = nlp.variables[NAME] if NAME in nlp.variables else declare(nlp, window, scene)
 
-    def off(rows, *places):
-        there = {name: e[:, rows.finger].below(known(rows, name)) for name in places}
-        return replace(rows, **there)
+    def above_offset(rows, p_wf):
+        data = p_wf if joints is None else joints.beside(p_wf, rows.finger)
+        return e[:, rows.finger].below(data)
 
-    def known(rows, name):
-        said = getattr(rows, name)
-        return said if joints is None else joints.beside(said, rows.finger)
-
-    finger = elsewhere if joints is None else turned
-    return replace(
-        window, finger=finger(window.finger), touch=off(window.touch, "p_wf"),
-        free=off(window.free, "p_wf"), push=off(window.push, "p_wf", "p_wf_1"),
-    )  # fmt: skip
+    finger = (with_offset if joints is None else with_joint_zeros)(window.finger)
+    return replace(window.with_fingers(above_offset), finger=finger)
 
 
 def declare(nlp, window, scene):
@@ -63,8 +56,8 @@ def declare(nlp, window, scene):
     if scene.joints is None:
         nlp.minimize(f"{NAME} prior", prior, e, scene.sigma_offset, role="prior")
     else:
-        told = scene.joints.information
-        nlp.minimize(f"{NAME} prior", prior_within, e, told, role="prior")
+        information = scene.joints.information
+        nlp.minimize(f"{NAME} prior", prior_within, e, information, role="prior")
     return e
 
 
@@ -78,22 +71,22 @@ def prior_within(e, information):
     return ca.bilin(ca.reshape(information, 3, 3), e, e) / 2
 
 
-def elsewhere(finger):
+def with_offset(finger):
     """Return the finger whose p_wf has below it the offset (3,) [m]."""
     n = finger.numbers
 
-    def at(p_wf):
+    def place(p_wf):
         return ca.vertcat(p_wf[:3] + p_wf[n:], p_wf[3:n])
 
-    return moved(finger, n + 3, at)
+    return with_place(finger, n + 3, place)
 
 
-def turned(finger):
+def with_joint_zeros(finger):
     """Return the finger whose p_wf has below it place, slope and turn, then e_f."""
     n = finger.numbers
     ends = n + PLACE, n + PLACE + SLOPE, n + PLACE + SLOPE + TURN
 
-    def at(p_wf):
+    def place(p_wf):
         way, e = p_wf[:3] - p_wf[n : ends[0]], p_wf[ends[2] :]
         slope = ca.reshape(p_wf[ends[0] : ends[1]], 9, 3)
         off = e + ca.reshape(slope @ way, 3, 3) @ e
@@ -103,16 +96,16 @@ def turned(finger):
         turn = ca.reshape(p_wf[ends[1] : ends[2]], 3, 3)
         return normal - ca.cross(turn @ p_wf[ends[2] :], normal)
 
-    return replace(moved(finger, ends[2] + 3, at), felt=felt)
+    return replace(with_place(finger, ends[2] + 3, place), felt=felt)
 
 
-def moved(finger, numbers, at):
-    """Return the finger at at(p_wf), where p_wf has `numbers` entries."""
+def with_place(finger, numbers, place):
+    """Return the finger that is at place(p_wf), where p_wf has `numbers` entries."""
 
     def core(shape, theta, pose, p_wf, rho):
-        return finger.core(shape, theta, pose, at(p_wf), rho)
+        return finger.core(shape, theta, pose, place(p_wf), rho)
 
     def before(p_w, p_wf, p_wf_1):
-        return finger.before(p_w, at(p_wf), at(p_wf_1))
+        return finger.before(p_w, place(p_wf), place(p_wf_1))
 
     return replace(finger, numbers=numbers, core=core, before=before)

@@ -1,6 +1,6 @@
 r"""Fingers with an unknown orientation error: each normal is turned by a constant w_f.
 
-    n_m - w_f x n_m + w_f x (w_f x n_m) / 2     in place of n_m, everywhere  (`turned`)
+    n_m - w_f x n_m + w_f x (w_f x n_m) / 2     in place of n_m, everywhere
     sum_f |w_f|^2 / (2 TURN^2)                w_f ~ N(0, TURN^2), world frame (`prior`)
 
 A tactile sensor that is turned on its finger reports all normals turned by the same
@@ -19,7 +19,7 @@ NAME = "finger turn"  # of the unknown, in a page that has it
 TURN = 0.05  # [rad] deviation of each component: 3 degrees, of a sensor fitted by hand
 
 
-def turned(nlp, window):
+def with_normals_turned_back(nlp, window):
     """Return the window whose measured normals are turned back, if fingers may be.
 
     Declares the turns w (3, fingers) [rad] with their prior.
@@ -29,8 +29,8 @@ def turned(nlp, window):
     w = nlp.variable(NAME, 3, window.fingers, guess=0.0, unit="rad", scale=0.01)
     nlp.minimize(f"{NAME} prior", prior, w, role="prior")
     touch, finger = window.touch, replace(window.finger, measured=turned_back)
-    told = w[:, touch.finger].below(touch.normal)
-    return replace(window, touch=replace(touch, normal=told), finger=finger)
+    above_turn = w[:, touch.finger].below(touch.normal)
+    return replace(window, touch=replace(touch, normal=above_turn), finger=finger)
 
 
 def prior(w):
@@ -38,8 +38,8 @@ def prior(w):
     return ca.sumsqr(w) / (2 * TURN**2)
 
 
-def turned_back(told):
+def turned_back(normal):
     """Return the normal (3,) of a finger whose measured one has its turn below it."""
-    n_m, w = told[:3], told[3:]
-    moved = ca.cross(w, n_m)
-    return n_m - moved + ca.cross(w, moved) / 2
+    n_m, w = normal[:3], normal[3:]
+    change = ca.cross(w, n_m)
+    return n_m - change + ca.cross(w, change) / 2

@@ -54,26 +54,32 @@ def friction(nlp, name, value):
     return mu
 
 
-def impulses(nlp, name, w, scale, normal=0.0, frictionless=()):
-    """Declare the impulses (normal, t1, t2) of contacts, one for each weight w [N s].
+def impulses(nlp, name, contacts, scale, normal=0.0, frictionless=(), most=ca.inf):
+    """Declare the impulses (normal, t1, t2) [N s] of contacts, a column for each.
 
     normal: guess of the normal one; scale: of all [N s]; frictionless: the names of
-    contacts without friction, which have the normal one alone.
+    contacts without friction, which have the normal one alone; most: bound of that.
     """
     rows = 1 if name in frictionless else 3
-    free, guess = [0, -ca.inf, -ca.inf], [normal, 0 * normal, 0 * normal]
+    lower, upper = [0, -ca.inf, -ca.inf], [most, ca.inf, ca.inf]
+    guess = [normal, 0 * normal, 0 * normal]
     return nlp.variable(
-        name, rows, len(w), lower=free[:rows], guess=guess[:rows], unit="N s",
-        scale=scale,
+        name, rows, len(contacts), lower=lower[:rows], upper=upper[:rows],
+        guess=guess[:rows], unit="N s", scale=scale,
     )  # fmt: skip
 
 
-def add_cone(nlp, name, impulses):
+def cone_margin(lam, mu, w, rounding):
+    """Return how far inside the friction cone an impulse is, in weights w [N s]."""
+    return contact.cone(mu, lam / w, rounding)
+
+
+def add_cone(nlp, name, impulses, margin=cone_margin):
     """Keep the impulses of contacts in the cone, and no larger than they need to be."""
     lam, mu, w = impulses.lam, impulses.mu, impulses.w
     if lam.rows > 1:
         r = nlp.parameters["cone rounding"]
-        nlp.subject_to(f"{name} cone", cone_margin, lam, mu, w, r, lower=0)
+        nlp.subject_to(f"{name} cone", margin, lam, mu, w, r, lower=0, per=lam)
         nlp.report(f"{name} cone{EXACT}", cone_violation, lam, mu, w)
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
@@ -83,11 +89,6 @@ def sliding_of(nlp, mu):
     p, slips = nlp.parameters, mu.name in nlp.parameters and mu.value[0] == 0
     rounding = 0.0 if slips else p["cone rounding"]
     return contact.FrictionLaw(mu, p["kappa"], p["speed rounding"], rounding)
-
-
-def cone_margin(lam, mu, w, rounding):
-    """Return how far inside the friction cone an impulse is, in weights w [N s]."""
-    return contact.cone(mu, lam / w, rounding)
 
 
 def cone_violation(lam, mu, w):

@@ -135,7 +135,7 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
         role="physics",
     )  # fmt: skip
     at = at._replace(lam=None)
-    nlp.subject_to(GROUND_GAP, ground.above, of, now, at, lower=-ROOM)
+    nlp.subject_to(GROUND_GAP, ground.above, of, now, at, lower=-ROOM, per=lam)
     of = corners.part(theta, slice(len(rest))) if resting is None else resting
     at = Corner(None, None, rest.signs)
     nlp.minimize("rest", ground.rest, of, x[:, rest.pose], at, role="physics")

@@ -83,7 +83,7 @@ class Soft(NamedTuple):
 NONE = Rigid(0.0)  # of a page that knows no indentation
 
 
-def declare(nlp, window, scene, pushes):
+def declare(nlp, window, scene, pushes=None):
     """Declare d, and c where the fingertips are compliant; return Rigid or Soft.
 
     pushes: friction.Impulses of the fingers, None on a page without impulses.
@@ -110,7 +110,7 @@ def of_pushes(nlp, pushes, rows):
     return Soft(d, c, pushes.lam[:, rows], pushes.w[rows], 1.0)
 
 
-def prior(nlp, indentation):
+def add_prior(nlp, indentation):
     """Add the priors of d and c, where these are unknown; report the indentation."""
     d = indentation.depth
     nlp.minimize("depth prior", lambda d: (d / DEPTH) ** 2 / 2, d, role="prior")

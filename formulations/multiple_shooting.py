@@ -1,6 +1,6 @@
 r"""eq:loss_const by multiple shooting: every pose an unknown, every step a constraint.
 
-    min  sum_t L_t(theta, x_t)                       eq:loss, as in quasi_static.py
+    min  sum_t L_t(theta, x_t), way between actions, priors   as in violation_implicit
     s.t. x_{t+1} = f_theta(x_t, x_{t-1}, r_t)        time_stepping.py
     over theta, x_t, depth
 
@@ -13,14 +13,18 @@ from __future__ import annotations
 
 import casadi as ca
 
+from . import indentation
+from .between_actions import add_coasting
 from .friction import friction
 from .level import Level
+from .likelihood import add_free, add_touches
 from .names import FINGER_FRICTION, FINGER_IMPULSE, GIVES, GROUND_FRICTION
-from .rigid_body import G, momentum_change, steps_of, uniform
+from .rigid_body import G, declare_poses, momentum_change, steps_of, uniform
+from .size_prior import add_size_prior, declare_sizes
 from .sliding_contact import Pusher
 from .sliding_contact import push as push_of
 from .time_stepping import STEP_V_EPS, Sliding
-from .violation_implicit import add_likelihood
+from .violation_implicit import NORMAL, TOUCH
 
 # These equations need every sample, whatever the options say.
 REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
@@ -38,7 +42,13 @@ LEVELS = (
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss_const, a defect for every step."""
-    theta, x = add_likelihood(nlp, window, scene, shape)
+    depth = indentation.declare(nlp, window, scene)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, depth)
+    add_free(nlp, window, shape, theta, x)
+    add_coasting(nlp, window, shape, theta, x)
+    add_size_prior(nlp, shape, theta)
+    indentation.add_prior(nlp, depth)
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground)

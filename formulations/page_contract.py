@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
+NO_REDUCTIONS = "level", "prompt"  # assumptions that FREED may name beside reductions
+
 
 @dataclass(frozen=True)
 class PageContract:

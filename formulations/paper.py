@@ -43,9 +43,9 @@ from .finger_contact import pushing, sensed
 from .friction import Impulses, friction
 from .ground_contact import Corner
 from .level import Level
-from .likelihood import declare
 from .paper_physics import Physics
-from .rigid_body import G, steps_of
+from .rigid_body import G, declare_poses, steps_of
+from .size_prior import declare_sizes
 
 ALPHA = math.log(19) / 5e-3  # [1/m] of eq:bool: 95 % sure 5 mm away (public code)
 SIGMA_N = ((0.01519, 0, 0), (0, 0.01519, 0), (0, 0, 0.01519))  # [rad^2] (public code)
@@ -74,12 +74,13 @@ LEVELS = (
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step."""
     body = Physics(window, scene, shape)
-    theta, x = add_likelihood(nlp, window, shape, body)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    add_loss(nlp, window, body, theta, x)
     step, push = window.step, window.push
     lam, lam_g = g.impulses(nlp, window, scene, shape)
     for name, (value, unit) in WEIGHTS.items():
         nlp.parameter(name, value, unit)
-    dynamics(nlp, window, body, theta, x, lam, lam_g)
+    add_dynamics(nlp, window, body, theta, x, lam, lam_g)
 
     gap, velocity = body.fingers.gap, body.fingers.velocity
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
@@ -91,13 +92,13 @@ def build(nlp, window, scene, shape):
     g.inelasticity(nlp, "finger", velocity, now, at)
     for name, f in (("felt finger", window.touch), ("free finger", window.free)):
         g.non_penetration(nlp, name, gap, theta, x[:, f.pose], sensed(f))
-    ground(nlp, window, scene, body, theta, x, lam_g, w)
+    add_ground(nlp, window, scene, body, theta, x, lam_g, w)
     pushes = Impulses(lam, mu, now.w)
-    finger_contact.report(nlp, window, body.fingers, theta, x, pushes)
+    finger_contact.report_impulses(nlp, window, body.fingers, theta, x, pushes)
     nlp.report(names.GROUND_IMPULSE, body.ground.impulse, lam_g)
 
 
-def ground(nlp, window, scene, body, theta, x, lam_g, w):
+def add_ground(nlp, window, scene, body, theta, x, lam_g, w):
     """Add (1) to (4) and FC of the corners on the ground."""
     step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
     gap, velocity = body.ground.gap, body.ground.velocity
@@ -115,9 +116,8 @@ def ground(nlp, window, scene, body, theta, x, lam_g, w):
     g.non_penetration(nlp, "rest", gap, theta, x[:, rest.pose], resting)
 
 
-def add_likelihood(nlp, window, shape, body):
-    """Declare theta and x; add eq:loss of every sample."""
-    theta, x = declare(nlp, window, shape)
+def add_loss(nlp, window, body, theta, x):
+    """Add eq:loss of every sample."""
     alpha = nlp.parameter("alpha", ALPHA, "1/m")
     inverse = ca.densify(ca.inv(ca.DM(SIGMA_N))).nonzeros()
     information = nlp.parameter("normal information", inverse, "1/rad^2")
@@ -130,10 +130,9 @@ def add_likelihood(nlp, window, shape, body):
         names.FREE_TERM, body.free, theta, x[:, f.pose], sensed(f), alpha,
         role="likelihood",
     )  # fmt: skip
-    return theta, x
 
 
-def dynamics(nlp, window, body, theta, x, lam, lam_g):
+def add_dynamics(nlp, window, body, theta, x, lam, lam_g):
     """Add |x_{t+1} - f_theta(x_t, lam_t, r_t)|^2, by number of pushing fingers."""
     gap, deviation = window.gap, nlp.parameters["dynamics deviation"]
     pushes, corners = Impulses(lam, None, None), Impulses(lam_g, None, None)
@@ -143,6 +142,6 @@ def dynamics(nlp, window, body, theta, x, lam, lam_g):
             deviation, *contacts, role="physics",
         )  # fmt: skip
     nlp.minimize(
-        "between actions", body.moved, theta, x[:, gap.pose], x[:, gap.before],
-        deviation, role="physics",
+        "between actions", body.between_actions, theta, x[:, gap.pose],
+        x[:, gap.before], deviation, role="physics",
     )  # fmt: skip

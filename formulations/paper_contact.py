@@ -3,16 +3,17 @@ r"""The contact terms of the printed problem (paper.py): (1) to (4), and the con
     (1) lam_n phi      (2) |v_s|^2 lam_n + v_s . lam_t      (3) min(0, phi)^2
     (4) lam_n max(v_n, 0)            FC = {|lam_t| <= mu lam_n}
 
-The expressions are in contact.py; here they become terms, energies over w MM, the work
-of lifting the object by 1 mm.  `now` is a Step, `at` the Push of a finger or the Corner
-of a ground contact; gap(theta, x, at) and velocity(now, at) are those of a contact.
+Each is a term, an energy over w MM, the work of lifting the object by 1 mm.  (1) is of
+either sign, (2) a sum of unlike units, and the curvature of (3) jumps at 0.  `now` is a
+Step, `at` the Push of a finger or the Corner of a ground contact; gap(theta, x, at) and
+velocity(now, at) are those of a contact.
 """
 
 from __future__ import annotations
 
 import casadi as ca
 
-from . import contact
+from . import contact, friction
 from .contact import MM
 from .names import FINGER, GROUND
 from .rigid_body import G
@@ -24,12 +25,9 @@ def impulses(nlp, window, scene, shape):
     """Declare the impulses (normal, t1, t2) [N s] of fingers and ground."""
     step, push, corner = window.step, window.push, window.corner
     size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)  # [N s]
-    bounds = {"lower": [0, -ca.inf, -ca.inf], "upper": [LAM_MAX * size, ca.inf, ca.inf],
-              "unit": "N s", "scale": size}  # fmt: skip
-    corners = len(shape.corners) * bool(len(corner))
-    guess, guess_g = [size / 10, 0, 0], [size / max(1, corners), 0, 0]
-    lam = nlp.variable(FINGER, 3, len(push), guess=guess, **bounds)
-    return lam, nlp.variable(GROUND, 3, len(corner), guess=guess_g, **bounds)
+    most, carried = LAM_MAX * size, size / len(shape.corners)
+    lam = friction.impulses(nlp, FINGER, push, size, size / 10, most=most)
+    return lam, friction.impulses(nlp, GROUND, corner, size, carried, most=most)
 
 
 def maximum_dissipation(nlp, name, velocity, now, at):
@@ -37,7 +35,7 @@ def maximum_dissipation(nlp, name, velocity, now, at):
 
     def dissipation(now, at, nats):
         _, v_s = velocity(now, at)
-        energy = contact.printed_dissipation(at.lam, v_s)
+        energy = ca.sumsqr(v_s) * at.lam[0] + ca.dot(v_s, at.lam[1:3])
         return nats * energy * now.dt / (now.w * MM)
 
     weight = nlp.parameters["dissipation"]
@@ -51,7 +49,7 @@ def friction_cone(nlp, name, w, lam, mu):
         return contact.cone_squared(mu, lam / w) + slack**2
 
     slack = nlp.parameters["cone slack"]
-    nlp.subject_to(f"{name} cone", cone, lam, mu, w, slack, lower=0)
+    nlp.subject_to(f"{name} cone", cone, lam, mu, w, slack, lower=0, per=lam)
 
 
 def complementarity(nlp, name, gap, now, at):
@@ -59,7 +57,7 @@ def complementarity(nlp, name, gap, now, at):
 
     def energy(now, at, nats):
         phi = gap(now.theta, now.x, at)
-        return nats * contact.printed_complementarity(at.lam, phi) / (now.w * MM)
+        return nats * (at.lam[0] * phi) / (now.w * MM)
 
     weight = nlp.parameters["complementarity"]
     nlp.minimize(f"{name} complementarity", energy, now, at, weight, role="physics")
@@ -81,7 +79,7 @@ def non_penetration(nlp, name, gap, theta, x, at):
     """Add non-penetration (3)."""
 
     def penetration(theta, x, deviation, at):
-        return contact.penetration_squared(gap(theta, x, at)) / (2 * deviation**2)
+        return ca.fmin(0, gap(theta, x, at)) ** 2 / (2 * deviation**2)
 
     deviation = nlp.parameters["penetration deviation"]
     nlp.minimize(

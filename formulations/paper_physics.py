@@ -32,10 +32,6 @@ class Physics:
         self.ground = GroundContact(shape, window.motion)
         self.balance = Balance(self.fingers, self.ground, scene.gravity)
 
-    def pose(self, theta, x):
-        """Return p_wo (3,) [m] and R_wo (3, 3)."""
-        return self.motion.pose(self.shape, theta, x)
-
     def felt(self, theta, x, at, n_m, alpha, information):
         """Return eq:loss of a sample with contact of a finger `at` (a Push)."""
         phi, n = self.fingers.gap_and_normal(theta, x, at)
@@ -48,25 +44,20 @@ class Physics:
 
     def unpredicted(self, theta, x, x_1, x_2, dt, deviation, *contacts):
         """Return |x_t - f(x_{t-1}, lam_t, r_t)|^2 over 2 deviation^2."""
-        (p, R), (p_1, R_1), (p_2, R_2) = (self.pose(theta, c) for c in (x, x_1, x_2))
-        force, moment = self.applied(theta, x, contacts)
+        poses = (self.motion.pose(self.shape, theta, c) for c in (x, x_1, x_2))
+        (p, R), (p_1, R_1), (p_2, R_2) = poses
+        force, moment = ca.DM.zeros(3), ca.DM.zeros(3)
+        for c in self.balance.named(theta, x, contacts):
+            force += c.impulse
+            moment += ca.cross(c.point - p, c.impulse)
         m, g = self.scene.mass, ca.vertcat(0, 0, -self.scene.gravity)
         p_f = p_1 + (p_1 - p_2) + (force / m + g * dt) * dt
         J = R_1 @ ca.densify(self.shape.inertia(theta)) @ R_1.T
         d_1 = turn(R_1, R_2)
         d = d_1 + ca.inv_minor(J) @ (dt * moment / m - ca.cross(d_1, J @ d_1))
-        turned = ca.sumsqr(R - rotation(d) @ R_1) / 2
-        return (ca.sumsqr(p - p_f) + ARM**2 * turned) / (2 * deviation**2)
+        turn_squared = ca.sumsqr(R - rotation(d) @ R_1) / 2
+        return (ca.sumsqr(p - p_f) + ARM**2 * turn_squared) / (2 * deviation**2)
 
-    def moved(self, theta, x, x_1, deviation):
+    def between_actions(self, theta, x, x_1, deviation):
         """Return |x_t - x_{t-1}|^2 over 2 deviation^2."""
         return way_squared(self.motion, self.shape, theta, x, x_1) / (2 * deviation**2)
-
-    def applied(self, theta, x, contacts):
-        """Return sum lam [N s] and sum r x lam [N s m] about the centroid."""
-        p_wo, _ = self.pose(theta, x)
-        force, moment = ca.DM.zeros(3), ca.DM.zeros(3)
-        for c in self.balance.named(theta, x, contacts):
-            force += c.impulse
-            moment += ca.cross(c.point - p_wo, c.impulse)
-        return force, moment

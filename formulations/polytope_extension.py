@@ -1,7 +1,7 @@
 r"""One more action of a polytope: the earlier ones as a Gaussian prior of its vertices.
 
     min  eq:loss of the action                                (polytope_quasi_static.py)
-       + (v - v_0)' Lambda (v - v_0) / 2                                        (`past`)
+       + (v - v_0)' Lambda (v - v_0) / 2                                    (`add_past`)
        + least motion, or the physics of every step     (polytope_violation_implicit.py)
     s.t. v_z >= 0
     over v_j, x_k of the action, and lam_k
@@ -13,11 +13,9 @@ the action, which is held.  There are two pages: `build` with least motion,
 
 from __future__ import annotations
 
-from functools import partial
-
 import casadi as ca
 
-from . import polytope_quasi_static, polytope_violation_implicit, quasi_static
+from . import polytope_quasi_static, polytope_violation_implicit
 from .level import Level
 
 LEVELS = polytope_quasi_static.STARTING
@@ -26,28 +24,24 @@ PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 def build(nlp, window, scene, shape):
     """Fill `nlp` with eq:loss of the action, the prior, and least motion."""
-    _, x = declare_with_loss(nlp, window, shape)
-    quasi_static.least_motion(nlp, window, shape, 0.0, x)
+    polytope_quasi_static.build(nlp, window, scene, shape, add_past)
 
 
 def build_pushed(nlp, window, scene, shape):
     """Fill `nlp` with eq:vimp of the action, and the prior."""
-    polytope_violation_implicit.build(nlp, window, scene, shape, declare_with_loss)
+    polytope_violation_implicit.build(nlp, window, scene, shape, add_past)
 
 
-def past(nlp, window, shape, theta):
+def add_past(nlp, window, shape, theta):
     """Add the prior: window.information (3 V, 3 V) [1/m^2] about window.past."""
     n = theta.rows * theta.columns
 
-    def known(v, v_0, information):
+    def gaussian(v, v_0, information):
         d = v - v_0
         return d.T @ ca.reshape(information, n, n) @ d / 2
 
     vertices = theta[:, [[*range(theta.columns)]]]
     nlp.minimize(
-        "past", known, vertices, window.past.reshape(1, n),
+        "past", gaussian, vertices, window.past.reshape(1, n),
         window.information.reshape(1, n * n), role="prior",
     )  # fmt: skip
-
-
-declare_with_loss = partial(polytope_quasi_static.declare_with_loss, prior=past)

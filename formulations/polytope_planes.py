@@ -5,8 +5,8 @@ r"""Poses and observed supporting planes: the path of a convex body of unknown s
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)                   (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)           (outside)
        + sum_slips  SLIP_WEIGHT (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)   (slip)
-       + ((|m_i|^2 - 1) / UNIT)^2 / 2,   n_i = m_i / |m_i|             (unit length)
        + least motion, between actions         (quasi_static.py, between_actions.py)
+       + ((|m_i|^2 - 1) / UNIT)^2 / 2,   n_i = m_i / |m_i|             (unit length)
     over x_k, m_i, b_i
 
 The cost of an instance of the first four lines is bounded (sensing.mixture).  Of the
@@ -22,10 +22,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from . import between_actions, sensing
+from . import sensing
+from .between_actions import HEAVY, add_fixed_width
 from .level import Level
 from .names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
-from .quasi_static import WAY_EPS, least_motion
+from .quasi_static import WAY_EPS, add_least_motion
+from .rigid_body import declare_poses
 from .shape import positive_part
 
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -50,10 +52,7 @@ def build(nlp, window, scene, shape):
     """Fill `nlp` with poses and planes."""
     motion, t, i = window.motion, window.touch, window.plane
     sigma_p, sigma_n = window.sigma_position, window.sigma_normal
-    x = nlp.variable(
-        "x", motion.unknowns, window.poses, lower=window.lower, upper=window.upper,
-        guess=0.0, unit=motion.unit, scale=motion.scale,
-    )  # fmt: skip
+    x = declare_poses(nlp, window)
     plane = nlp.variable(
         "plane", 4, window.planes, guess=[1, 0, 0, 0], unit="1, 1, 1, m",
         scale=(0.05, 0.05, 0.05, 1e-3),
@@ -68,16 +67,16 @@ def build(nlp, window, scene, shape):
     )  # fmt: skip
     link, link_1 = window.link.T
     nlp.minimize("one face", one_face, plane[:, link], plane[:, link_1], role="prior")
-    pairs(nlp, window, body, x, plane)
-    least_motion(nlp, window, shape, 0.0, x)
-    between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
+    add_pairs(nlp, window, body, x, plane)
+    add_least_motion(nlp, window, shape, 0.0, x)
+    add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     nlp.minimize(
         "unit length", lambda plane: ((ca.sumsqr(plane[:3]) - 1) / UNIT) ** 2 / 2,
         plane, role="regulariser",
     )  # fmt: skip
 
 
-def pairs(nlp, window, body, x, plane):
+def add_pairs(nlp, window, body, x, plane):
     """Add the costs of contact points with other planes, fingers and contact points."""
     t, i, pair, out = window.touch, window.plane, window.behind, window.outside
     sigma, s = nlp.parameters["behind"], pair.touch

@@ -23,10 +23,12 @@ from __future__ import annotations
 
 import casadi as ca
 
-from . import between_actions, likelihood, quasi_static
-from .indentation import NONE
+from .between_actions import HEAVY, add_fixed_width
 from .level import Level
+from .likelihood import add_free, add_touches
 from .names import BALL
+from .quasi_static import add_least_motion
+from .rigid_body import declare_poses
 
 REDUCTIONS = {"planar": True}  # no term keeps a free body on the ground
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -43,13 +45,15 @@ STAY = 5e-3  # [m] deviation of a vertex from where it started
 LEG = 0.02e-3  # [m] deviation of a leg from the ground
 
 
-def build(nlp, window, scene, shape):
-    """Fill `nlp` with what was felt, and least motion."""
-    _, x = declare_with_loss(nlp, window, shape)
-    quasi_static.least_motion(nlp, window, shape, 0.0, x)
+def declare_vertices(nlp, window):
+    """Declare the vertices theta (3, V)."""
+    return nlp.variable(
+        "theta", 3, len(window.start), lower=[-ca.inf, -ca.inf, window.floor],
+        guess=window.start.T, unit="m", scale=1e-3,
+    )  # fmt: skip
 
 
-def ball(nlp, window, shape, theta):
+def add_ball_prior(nlp, window, shape, theta):
     """Add the priors of a body that was not touched yet."""
     mean, deviation = shape.size_prior
     sphere = nlp.variable(
@@ -57,14 +61,14 @@ def ball(nlp, window, shape, theta):
         lower=[-ca.inf, -ca.inf, -ca.inf, mean / 10], unit="m", scale=1e-3,
     )  # fmt: skip
 
-    def off(vertex, ball):
+    def near_ball(vertex, ball):
         away = ca.sqrt(ca.sumsqr(vertex - ball[:3]) + (mean / 100) ** 2)
         return (away / ball[3] - 1) ** 2 / (2 * SPREAD**2)
 
-    def moved(vertex, start):
+    def near_start(vertex, start):
         return ca.sumsqr(vertex - start) / (2 * STAY**2)
 
-    nlp.minimize("ball prior", off, theta, sphere, role="prior")
+    nlp.minimize("ball prior", near_ball, theta, sphere, role="prior")
     nlp.minimize(
         "size prior", lambda ball: ((ball[3] - mean) / deviation) ** 2 / 2,
         sphere,
@@ -74,27 +78,18 @@ def ball(nlp, window, shape, theta):
         "legs on the ground", lambda vertex: (vertex[2] / LEG) ** 2 / 2,
         theta[:, window.grounded], role="prior",
     )  # fmt: skip
-    nlp.minimize("stay", moved, theta, window.start, role="regulariser")
+    nlp.minimize("stay", near_start, theta, window.start, role="regulariser")
 
 
-def declare_with_loss(
-    nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, prior=ball
-):
-    """Declare vertices and poses; add what the fingers felt and what was known before.
+def build(nlp, window, scene, shape, prior=add_ball_prior):
+    """Fill `nlp` with what was felt, and least motion.
 
-    prior(nlp, window, shape, theta): adds what was known, by default the priors.
+    prior(nlp, window, shape, theta): adds what was known of the vertices before.
     """
-    motion = window.motion
-    theta = nlp.variable(
-        "theta", 3, len(window.start), lower=[-ca.inf, -ca.inf, window.floor],
-        guess=window.start.T, unit="m", scale=1e-3,
-    )  # fmt: skip
-    x = nlp.variable(
-        "x", motion.unknowns, window.poses, lower=window.lower, upper=window.upper,
-        guess=0.0, unit=motion.unit, scale=motion.scale,
-    )  # fmt: skip
-    near = theta[:, window.near_touch], theta[:, window.near_free]
-    likelihood.add(nlp, window, shape, near, x, touch, normal, indentation)
-    between_actions.fixed(nlp, window, shape, 0.0, x, between_actions.HEAVY)
+    theta, x = declare_vertices(nlp, window), declare_poses(nlp, window)
+    near_touch, near_free = theta[:, window.near_touch], theta[:, window.near_free]
+    add_touches(nlp, window, shape, near_touch, x, TOUCH, NORMAL)
+    add_free(nlp, window, shape, near_free, x)
+    add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     prior(nlp, window, shape, theta)
-    return theta, x
+    add_least_motion(nlp, window, shape, 0.0, x)

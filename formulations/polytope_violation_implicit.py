@@ -1,10 +1,11 @@
 r"""The joint problem of eq:vimp for a convex polytope of unknown vertices.
 
-    min  what was felt and known                           (polytope_quasi_static.py)
+    min  eq:loss, way between actions, priors of v_j       (polytope_quasi_static.py)
+       + priors of delta, c                         (indentation.py, centre_of_mass.py)
        + balance of every step, g(x_k, lam_k, r_k)              (violation_implicit.py)
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  v_z >= 0
          vol = sum vol_i,  vol c = sum first_i,  vol S = sum second_i          (`mass`)
-    over v_j, x_k, lam_k, and vol, c, S
+    over v_j, x_k, lam_k, delta, and vol, c, S
 
 It differs from violation_implicit.py in three things:
   vertices   every contact reads the vertices near it, not all
@@ -27,14 +28,16 @@ from dataclasses import replace
 
 import casadi as ca
 
-from . import centre_of_mass, violation_implicit
-from .balance import Balance
-from .finger_turn import turned
+from . import centre_of_mass, indentation, violation_implicit
+from .balance import Balance, contacts_of
+from .between_actions import HEAVY, add_fixed_width
+from .finger_turn import with_normals_turned_back
 from .level import Level
+from .likelihood import add_free, add_touches
 from .polytope import inertia_about, whole_moments
-from .polytope_quasi_static import declare_with_loss
-from .rigid_body import MassProperties
-from .violation_implicit import add_likelihood, contacts_of, impulses_of, physics
+from .polytope_quasi_static import add_ball_prior, declare_vertices
+from .rigid_body import MassProperties, declare_poses
+from .violation_implicit import NORMAL, TOUCH, add_physics, impulses_of
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED
@@ -57,22 +60,28 @@ LEVELS = (
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
 
-def build(nlp, window, scene, shape, declare=declare_with_loss):
+def build(nlp, window, scene, shape, prior=add_ball_prior):
     """Fill `nlp` with eq:vimp: what was felt, then the physics of every step.
 
-    declare: declares vertices and poses; adds what was felt and known of them.
+    prior(nlp, window, shape, theta): adds what was known of the vertices before.
     """
-    window = turned(nlp, window)
+    window = with_normals_turned_back(nlp, window)
     w, pushes, corners = impulses_of(nlp, window, scene, shape, window.weight_share)
-    theta, x = add_likelihood(nlp, window, scene, shape, pushes, declare)
+    delta = indentation.declare(nlp, window, scene, pushes)
+    theta, x = declare_vertices(nlp, window), declare_poses(nlp, window)
+    near_touch, near_free = theta[:, window.near_touch], theta[:, window.near_free]
+    add_touches(nlp, window, shape, near_touch, x, TOUCH, NORMAL, delta)
+    add_free(nlp, window, shape, near_free, x)
+    add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
+    prior(nlp, window, shape, theta)
+    indentation.add_prior(nlp, delta)
     pushes = replace(pushes, theta=theta[:, window.near_push])
     corners = replace(corners, theta=theta[:, window.leg])
     body = mass(nlp, window, theta)
-    fingers, ground = contacts_of(window, shape)
-    law = Balance(fingers, ground, scene.gravity, hull_body)
+    law = Balance(*contacts_of(window, shape), scene.gravity, hull_body)
     resting = theta[:, window.resting]
     centre = centre_of_mass.declare(nlp, window, scene, shape)
-    physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
+    add_physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
 
 
 def mass(nlp, window, theta):

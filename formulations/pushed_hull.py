@@ -59,7 +59,7 @@ def towards(theta, q_of, small):
 def _functions(count):
     """Return nearest(V, q, small) -> u, a constant, and exact(u, V, q, small) -> u."""
     sizes = (3, 1), (1, 1), (3, count), (3, 1)
-    given = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
+    arguments = u, small, V, q = [ca.SX.sym("in", *size) for size in sizes]
     size = near.size_of(V, q)
     residual, slope = near.residual_of(V, q, u, small * size)
     better = u - solve_3(frozen(slope, 2.0**-40), residual)
@@ -78,7 +78,7 @@ def _functions(count):
         ca.Function(name, [u, widths, V, q], [after], {"cse": True})
         for name, (widths, after) in steps.items()
     )
-    given = V, q, small = [ca.MX.sym("in", *size) for size in (*sizes[2:], (1, 1))]
+    arguments = V, q, small = [ca.MX.sym("in", *size) for size in (*sizes[2:], (1, 1))]
     widths, u = small + ca.DM(near.WIDTHS).T, q - ca.sum2(V) / count
     for _ in range(near.FIRST):
         u = begun(u, widths[0], V, q)
@@ -87,7 +87,7 @@ def _functions(count):
     for _ in range(near.LAST):
         u = newton(u, small, V, q)
     constant = {"is_diff_in": [False] * 3}
-    return ca.Function("nearest", given, [u], constant), exact
+    return ca.Function("nearest", arguments, [u], constant), exact
 
 
 def legs_squared(theta, R_wo):

@@ -45,7 +45,7 @@ SLIP = 3e-5  # [m] a shorter step is sticking: in a second a body creeps less th
 LIGHTEST = 0.1  # [m g] the least load on the ground: a finger may lift
 
 
-def moved(pose, s):
+def pose_after(pose, s):
     """Return the pose after a planar motion s = (x, y, yaw) from a pose (p, R)."""
     p_wo, R_wo = pose
     c, s_ = ca.cos(s[2]), ca.sin(s[2])
@@ -90,11 +90,11 @@ class Pushed:
 
     def touched(self, s, d):
         """Return r, gap, slope of the gap, n, across and u of each finger at s + d."""
-        at, found = moved(self.pose, s + d), []
+        at, contacts = pose_after(self.pose, s + d), []
         for r, p, rho in self.fingers:
             phi, n, slope = contact_of(self.shape, self.finger, self.theta, at, r, rho)
-            found.append((r, phi, slope, n, *held_back(at, d, r, p, rho, n)))
-        return found
+            contacts.append((r, phi, slope, n, *held_back(at, d, r, p, rho, n)))
+        return contacts
 
     def loads(self, s, d):
         """Return N and lam_f [N] where the body is at s + d, after a step d."""

@@ -7,24 +7,21 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
        + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)        (least motion)
     over theta, x_k
 
-The first four are what was felt and known; every page has them (`declare_with_loss`).
-The last stands for quasi-static dissipation: an object that is pushed moves no more
+Least motion stands for quasi-static dissipation: an object that is pushed moves no more
 than it must.  Where a finger that may push is not seen, way is that to x_{k-1} +
 (x_{k-1} - x_{k-2}), as motion lasts.
 """
 
 from __future__ import annotations
 
-from functools import partial
-
 import casadi as ca
 
-from . import between_actions, likelihood
-from .between_actions import way_squared
+from .between_actions import add_fixed_width, way_squared
 from .finger_offset import displaced
-from .indentation import NONE
 from .level import Level
-from .size_prior import size_cost
+from .likelihood import add_free, add_touches
+from .rigid_body import declare_poses
+from .size_prior import add_size_prior, declare_sizes
 
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
@@ -51,28 +48,15 @@ WEIGHT = 300.0  # [nats / m] price of motion
 def build(nlp, window, scene, shape):
     """Fill `nlp` with what was felt, and least motion."""
     window = displaced(nlp, window, scene)
-    theta, x = declare_with_loss(nlp, window, shape)
-    least_motion(nlp, window, shape, theta, x)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL)
+    add_free(nlp, window, shape, theta, x)
+    add_fixed_width(nlp, window, shape, theta, x)
+    add_size_prior(nlp, shape, theta)
+    add_least_motion(nlp, window, shape, theta, x)
 
 
-def declare_with_loss(
-    nlp, window, shape, touch=TOUCH, normal=NORMAL, indentation=NONE, coasts=False
-):
-    """Declare theta and x; add what the fingers felt (eq:loss) and what was known.
-
-    touch [m], normal [rad]: model errors of a sample, added to the sensors' own;
-    indentation: Rigid or Soft, of every felt finger (indentation.py);
-    coasts: whether poses tell how fast the object is when an action ends.
-    """
-    theta, x = likelihood.declare(nlp, window, shape)
-    likelihood.add(nlp, window, shape, (theta, theta), x, touch, normal, indentation)
-    link = between_actions.coasting if coasts else between_actions.fixed
-    link(nlp, window, shape, theta, x)
-    nlp.minimize("size prior", partial(size_cost, shape), theta, role="prior")
-    return theta, x
-
-
-def least_motion(nlp, window, shape, theta, x):
+def add_least_motion(nlp, window, shape, theta, x):
     """Add the price of motion: an object that is pushed moves no more than it must.
 
     While a finger that may push is not seen, motion lasts: its change has that price.
@@ -80,22 +64,21 @@ def least_motion(nlp, window, shape, theta, x):
     weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
     step = window.step
 
-    def moved(theta, x, expected, weight):
+    def way_cost(theta, x, expected, weight):
         way = way_squared(window.motion, shape, theta, x, expected)
         return weight * (ca.sqrt(way + WAY_EPS**2) - WAY_EPS)
 
-    def changed(theta, x, x_1, x_2, weight):
-        return moved(theta, x, 2 * x_1 - x_2, weight)
+    def change_cost(theta, x, x_1, x_2, weight):
+        return way_cost(theta, x, 2 * x_1 - x_2, weight)
 
     unseen = window.unseen_steps.tolist()
     seen = sorted({*range(len(step))} - {*unseen})
     nlp.minimize(
-        "least motion", moved, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
+        "least motion", way_cost, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
         weight, role="regulariser",
     )  # fmt: skip
-    if len(unseen):
-        nlp.minimize(
-            "lasting motion", changed, theta, x[:, step.pose[unseen]],
-            x[:, step.before[unseen]], x[:, step.before_2[unseen]], weight,
-            role="regulariser",
-        )  # fmt: skip
+    nlp.minimize(
+        "lasting motion", change_cost, theta, x[:, step.pose[unseen]],
+        x[:, step.before[unseen]], x[:, step.before_2[unseen]], weight,
+        role="regulariser",
+    )  # fmt: skip

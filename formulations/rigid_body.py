@@ -67,6 +67,15 @@ def steps_of(step, theta, x, w, s):
     return Step(theta, x[:, step.pose[s]], x[:, step.before[s]], step.dt[s], w)
 
 
+def declare_poses(nlp, window):
+    """Declare the poses x (unknowns, poses), of which the window may hold some."""
+    motion = window.motion
+    return nlp.variable(
+        "x", motion.unknowns, window.poses, lower=window.lower, upper=window.upper,
+        guess=0.0, unit=motion.unit, scale=motion.scale,
+    )  # fmt: skip
+
+
 def uniform(shape, theta):
     """Return the MassProperties of a shape whose origin is its centroid."""
     return MassProperties(ca.DM.zeros(3), shape.inertia(theta))

@@ -269,7 +269,7 @@ def faces_inward(theta, r):
 
 def axis_relabellings() -> tuple:
     """Return the 24 right-handed ways to name a cuboid's axes: (order, rotation)."""
-    found = []
+    relabellings = []
     for order in permutations(range(3)):
         for signs in product((1, -1), repeat=3):
             S = [
@@ -277,8 +277,8 @@ def axis_relabellings() -> tuple:
                 for i in range(3)
             ]
             if ca.det(ca.DM(S)) > 0:
-                found.append((order, tuple(map(tuple, S))))
-    return tuple(found)
+                relabellings.append((order, tuple(map(tuple, S))))
+    return tuple(relabellings)
 
 
 CUBOID = Shape(

@@ -41,20 +41,20 @@ MASS = 0.03  # [-] of inertia and centroid, by the largest moment and by the rea
 
 def check_shape(shape, count: int = 3, seed: int = 0) -> ShapeReport:
     """Return what disagrees among the functions of a shape at random theta."""
-    found = {}
-    told = tuple(
+    by_kind = {}
+    unusable = tuple(
         Disagreement(what, got, want, (), fix)
         for what, got, want, fix in unfit_fields(shape)
     )
-    told = told or _of_calls(shape)
-    if not told:
+    unusable = unusable or _of_calls(shape)
+    if not unusable:
         for theta in _thetas(shape, count, seed):
             for what, got, expected, fix in _at(shape, ca.DM(theta)):
-                found.setdefault(
+                by_kind.setdefault(
                     what, Disagreement(what, got, expected, tuple(theta), fix)
                 )
     name = shape.name if isinstance(shape.name, str) else "a shape without a name"
-    return ShapeReport(name, (*told, *found.values()), count)
+    return ShapeReport(name, (*unusable, *by_kind.values()), count)
 
 
 def _of_calls(shape) -> tuple:
@@ -71,12 +71,12 @@ def _of_calls(shape) -> tuple:
         "support": ((theta, ca.DM([0, 0, 1])), (3, 1)),
         "mesh": ((theta,), (None, 3)),
     }
-    found = []
-    for name, (given, size) in calls.items():
+    disagreements = []
+    for name, (arguments, size) in calls.items():
         if (function := getattr(shape, name)) is None:
             continue
         try:
-            value = ca.densify(ca.DM(function(*given)))
+            value = ca.densify(ca.DM(function(*arguments)))
             got = f"an array {value.shape}"
             fits = size[0] in (None, value.shape[0]) and value.shape[1] == size[1]
             fits = fits and value.is_regular()
@@ -86,15 +86,15 @@ def _of_calls(shape) -> tuple:
             fix = f"see `{name}` in the documentation of Shape"
             want = f"finite numbers, {size}".replace("None", "points")
             at = tuple(float(t) for t in ca.vertsplit(theta))
-            found.append(Disagreement(f"{name}(...)", got, want, at, fix))
-    return tuple(found)
+            disagreements.append(Disagreement(f"{name}(...)", got, want, at, fix))
+    return tuple(disagreements)
 
 
 def _thetas(shape, count, seed):
     """Return theta: near the mean of the prior, then random within the bounds."""
     draw = random.Random(seed)
-    given = (*shape.size_prior, *shape.bounds)
-    columns = ([*map(float, ca.vertsplit(entries(shape, p)))] for p in given)
+    pairs = (*shape.size_prior, *shape.bounds)
+    columns = ([*map(float, ca.vertsplit(entries(shape, p)))] for p in pairs)
     rows = [*zip(*columns, strict=True)]  # mean, deviation, least, largest
     first = [m * UNLIKE[i % len(UNLIKE)] for i, (m, *_) in enumerate(rows)]
     more = [
@@ -122,13 +122,13 @@ def _at(shape, theta):
 
 
 def _of_reach(shape, signed, rays, reach):
-    outside = signed.map(PROBES)(rays * reach * (1 + 1e-3))
+    outside = signed(rays * reach * (1 + 1e-3))
     if (worst := float(ca.mmin(outside))) < -OFF:
         yield (
             "distance beyond reach(theta)", _mm(worst), "at least 0 mm",
             _REACH[shape.reach is half_diagonal],
         )  # fmt: skip
-    inside = signed.map(PROBES)(rays * 1e-3 * reach)
+    inside = signed(rays * 1e-3 * reach)
     if not float(ca.mmax(inside)) < 0:
         yield (
             "distance beside the origin", _mm(float(ca.mmax(inside))), "below 0",
@@ -138,10 +138,9 @@ def _of_reach(shape, signed, rays, reach):
 
 def _radii(signed, rays, reach):
     low, high = ca.DM.zeros(1, PROBES), reach * (1 + 1e-3) * ca.DM.ones(1, PROBES)
-    many = signed.map(PROBES)
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        within = many(rays * ca.repmat(middle, 3, 1)) < 0
+        within = signed(rays * ca.repmat(middle, 3, 1)) < 0
         low = ca.if_else(within, middle, low)
         high = ca.if_else(within, high, middle)
     return (low + high) / 2
@@ -149,7 +148,7 @@ def _radii(signed, rays, reach):
 
 def _of_distance(signed, outward, points):
     """Yield whether normals are the slopes of a distance that is one."""
-    n = outward.map(PROBES)(points)
+    n = outward(points)
     length = ca.sqrt(ca.sum1(n * n))
     if abs(float(ca.mmax(ca.fabs(length - 1)))) > BENT:
         yield (
@@ -157,7 +156,7 @@ def _of_distance(signed, outward, points):
             "divide normal by its length, or use gradient_normal(distance)",
         )  # fmt: skip
     away = points + TIP * n
-    usual, worst = _off(ca.fabs(signed.map(PROBES)(away) - TIP))
+    usual, worst = _off(ca.fabs(signed(away) - TIP))
     if not usual < OFF:
         yield (
             "distance of points 10 mm out along the normal",
@@ -166,9 +165,9 @@ def _of_distance(signed, outward, points):
             "not a function that is only zero there; or correct the normal",
         )  # fmt: skip
     out = points + TIP * points / ca.repmat(ca.sqrt(ca.sum1(points * points)), 3, 1)
-    d = signed.map(PROBES)(out)
-    foot = out - ca.repmat(d, 3, 1) * outward.map(PROBES)(out)
-    usual, worst = _off(ca.fabs(signed.map(PROBES)(foot)))
+    d = signed(out)
+    foot = out - ca.repmat(d, 3, 1) * outward(out)
+    usual, worst = _off(ca.fabs(signed(foot)))
     if not usual < OFF:
         yield (
             "nearest point of the surface, beyond edges as well",
@@ -178,7 +177,7 @@ def _of_distance(signed, outward, points):
         )  # fmt: skip
     q = (ca.SX if outward.is_a("SXFunction") else ca.MX).sym("q", 3)
     slope = ca.Function("slope", [q], [ca.gradient(signed(q), q)])
-    m, there = slope.map(PROBES)(away), outward.map(PROBES)(away)
+    m, there = slope(away), outward(away)
     usual, worst = _off(ca.sqrt(ca.sum1((m - there) ** 2)))
     if not usual < BENT:
         yield (
@@ -200,16 +199,16 @@ def _of_moments(shape, theta, rays, r):
     if shape.inertia is None:
         return
     S = (rays * ca.repmat(r**5, 3, 1)) @ rays.T / 5 / volume
-    exact = ca.trace(S) * ca.DM.eye(3) - S
-    given = ca.densify(shape.inertia(theta))
-    if given.shape != (3, 3):
+    uniform = ca.trace(S) * ca.DM.eye(3) - S
+    inertia = ca.densify(shape.inertia(theta))
+    if inertia.shape != (3, 3):
         yield (
-            "size of the inertia", str(given.shape), "(3, 3)",
+            "size of the inertia", str(inertia.shape), "(3, 3)",
             "return a full matrix from inertia(theta)",
         )  # fmt: skip
-    elif float(ca.mmax(ca.fabs(given - exact))) > MASS * float(ca.mmax(exact)):
+    elif float(ca.mmax(ca.fabs(inertia - uniform))) > MASS * float(ca.mmax(uniform)):
         yield (
-            "inertia", _diagonal(given), f"{_diagonal(exact)} of the uniform body",
+            "inertia", _diagonal(inertia), f"{_diagonal(uniform)} of the uniform body",
             "correct inertia(theta): (3, 3) [m^2] per unit mass, about the origin",
         )  # fmt: skip
 
@@ -243,7 +242,7 @@ def _of_symmetries(shape, theta, signed, points):
         renamed = ca.vertcat(*(theta[i] for i in order))
         q = shape.symbol("q", 3)
         again = ca.Function("distance", [q], [shape.distance(renamed, q, CHECKED_EDGE)])
-        off = again.map(PROBES)(ca.DM(S).T @ points) - signed.map(PROBES)(points)
+        off = again(ca.DM(S).T @ points) - signed(points)
         if (worst := float(ca.mmax(ca.fabs(off)))) > OFF:
             yield (
                 f"the symmetry {order}, {S}", f"a surface that is {_mm(worst)} off",
@@ -257,7 +256,7 @@ def _of_symmetries(shape, theta, signed, points):
 def _of_mesh(mesh, signed, points):
     """Yield whether the mesh is the surface on which the distance is zero."""
     corners = ca.DM(mesh).T
-    off = float(ca.mmax(ca.fabs(signed.map(corners.shape[1])(corners))))
+    off = float(ca.mmax(ca.fabs(signed(corners))))
     if off > OFF:
         yield (
             "distance of the mesh's points", _mm(off), f"0 to {_mm(OFF)}",

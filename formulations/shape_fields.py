@@ -47,12 +47,12 @@ def unfit_fields(shape) -> list[tuple[str, str, str, str]]:
     }
     remedies = dict.fromkeys(PAIRS, f"give one number, or {n}, for each of the pair")
     documented = "see the documentation of Shape"
-    found = [
+    unfit = [
         (name, _short(getattr(shape, name)), expected, remedies.get(name, documented))
         for name, (fits, expected) in rules.items()
         if not fits
     ]
-    return found or _unfit_prior(shape) or [
+    return unfit or _unfit_prior(shape) or [
         (f"{name}: their number", str(len(getattr(shape, name))), str(n),
          f"give {n} {name}")
         for name in ("words", "units") if len(getattr(shape, name)) not in (0, n)
@@ -133,8 +133,8 @@ def _function(shape, name: str, optional: bool) -> bool:
     value = getattr(shape, name)
     if value is None:
         return optional
-    given = (FUNCTIONS | OPTIONAL)[name].count(",") + 1
-    return callable(value) and takes(value, given)
+    arguments = (FUNCTIONS | OPTIONAL)[name].count(",") + 1
+    return callable(value) and takes(value, arguments)
 
 
 def takes(function, arguments: int) -> bool:

@@ -20,13 +20,30 @@ units of 1 / theta^n.
 
 from __future__ import annotations
 
+from functools import partial
 from math import erf, exp, lgamma, log, pi, prod, sqrt
 
 import casadi as ca
 
 from .sensing import FREEDOM, heavy_tailed
 
+LENGTH, OTHER = 1e-3, 1e-2  # [m], [unit] typical change of an entry of theta
 NODES, FAR = 400, 40.0  # midpoints up to chi^2 = FAR, of the probability within bounds
+
+
+def declare_sizes(nlp, shape):
+    """Declare the sizes theta (n,)."""
+    units, (low, high) = shape.units or ("m",), shape.bounds
+    return nlp.variable(
+        "theta", shape.theta, lower=low, upper=high, guess=shape.size_prior[0],
+        unit=", ".join(dict.fromkeys(units)),
+        scale=[LENGTH if u == "m" else OTHER for u in units] if shape.units else LENGTH,
+    )  # fmt: skip
+
+
+def add_size_prior(nlp, shape, theta):
+    """Add the prior of the sizes."""
+    nlp.minimize("size prior", partial(size_cost, shape), theta, role="prior")
 
 
 def size_cost(shape, theta):
@@ -58,11 +75,11 @@ def entries(shape, value):
 def _within(ends) -> float:
     """Return the probability that all z_i are between their ends [deviations]."""
     total, width = FREEDOM + len(ends), FAR / NODES
-    found = 0.0
+    probability = 0.0
     for k in range(NODES):
         chi = (k + 0.5) * width
         density = sqrt(chi / (2 * pi)) * exp(-chi / 2)  # of chi^2_3
         scale = sqrt(chi / total / 2)
         inside = prod((erf(b * scale) - erf(a * scale)) / 2 for a, b in ends)
-        found += width * density * inside
-    return found
+        probability += width * density * inside
+    return probability

@@ -58,14 +58,14 @@ class Sliding:
         mu, mu_g: friction of the fingers, of the ground; v_eps [m/s]; fingers: a Pusher
         of each.  From rest, x_2 = x_1.
         """
-        given = theta, x_1, x_2, dt, mu, mu_g, *numbers_of(fingers)
-        balance, slope, found = step_functions(self, len(fingers))
+        inputs = theta, x_1, x_2, dt, mu, mu_g, *numbers_of(fingers)
+        balance, slope, end_of = step_functions(self, len(fingers))
         if are_noted():
-            return root(lambda x: balance(x, v_eps, *given), found, v_eps, *given)
-        x = frozen(found(v_eps, *given), GRAIN)
-        A = frozen(slope(x, v_eps, *given), GRAIN)
+            return root(lambda x: balance(x, v_eps, *inputs), end_of, v_eps, *inputs)
+        x = frozen(end_of(v_eps, *inputs), GRAIN)
+        A = frozen(slope(x, v_eps, *inputs), GRAIN)
         for _ in range(EXACT_STEPS):
-            x -= ca.inv_minor(A) @ balance(x, v_eps, *given)
+            x -= ca.inv_minor(A) @ balance(x, v_eps, *inputs)
         return x
 
     def gives(self, x, theta, x_1, x_2, dt, mu, mu_g, v_eps, *fingers):
@@ -74,8 +74,8 @@ class Sliding:
         For one weight in x, in y, and about yaw at ARM: the inverse slope of F.
         """
         _, slope, _ = step_functions(self, len(fingers))
-        given = theta, x_1, x_2, dt, mu, mu_g, *numbers_of(fingers)
-        return ca.inv_minor(slope(x, v_eps, *given))
+        inputs = theta, x_1, x_2, dt, mu, mu_g, *numbers_of(fingers)
+        return ca.inv_minor(slope(x, v_eps, *inputs))
 
     def imbalance(self, x, s, theta, x_1, x_2, dt, mu, mu_g, *fingers):
         """Return F: change of momentum less impulses in x, y, yaw (3,) [weights]."""
@@ -99,34 +99,34 @@ class Sliding:
 
 @cache
 def step_functions(body: Sliding, fingers: int):
-    """Return (x, s, *given) -> F (3,); -> dF/dx (3, 3); (v_eps, *given) -> x.
+    """Return (x, s, *inputs) -> F (3,); -> dF/dx (3, 3); (v_eps, *inputs) -> x.
 
-    given: theta, x_1, x_2, dt, mu, mu_g and the numbers of the fingers, one after
+    inputs: theta, x_1, x_2, dt, mu, mu_g and the numbers of the fingers, one after
     another.  The last two are constants to any derivative.
     """
     x, s, v_eps = ca.SX.sym("x", PLANAR.unknowns), ca.SX.sym("s"), ca.SX.sym("v")
     sizes = body.shape.theta, PLANAR.unknowns, PLANAR.unknowns, 1, 1, 1
-    known = [ca.SX.sym("a", size) for size in sizes]
+    symbols = [ca.SX.sym("a", size) for size in sizes]
     sizes = body.finger.numbers, body.finger.numbers, 1
     pushers = [Pusher(*(ca.SX.sym("f", n) for n in sizes)) for _ in range(fingers)]
-    given, cse = [*known, *numbers_of(pushers)], {"cse": True}
-    F = body.imbalance(x, s, *known, *pushers)
+    inputs, cse = [*symbols, *numbers_of(pushers)], {"cse": True}
+    F = body.imbalance(x, s, *symbols, *pushers)
     A = ca.densify(ca.jacobian(F, x))
-    balance = ca.Function("balance", [x, s, *given], [F], cse)
+    balance = ca.Function("balance", [x, s, *inputs], [F], cse)
     d = ca.inv_minor(A) @ F
     way = ca.sqrt(d[0] ** 2 + d[1] ** 2 + (ARM * d[2]) ** 2)
     d *= ca.fmin(1, LONGEST_STEP / way)
     ends = [x - share * d for share in DAMPING]
-    end = best(ends, [balance(x, s, *given) for x in ends])
+    end = best(ends, [balance(x, s, *inputs) for x in ends])
     constant = cse | {"never_inline": True, "is_diff_out": [False]}
-    slope = ca.Function("slope", [x, s, *given], [A], constant)
-    damped = ca.Function("damped", [x, s, *given], [end], constant)
-    x = known[1]
+    slope = ca.Function("slope", [x, s, *inputs], [A], constant)
+    damped = ca.Function("damped", [x, s, *inputs], [end], constant)
+    x = symbols[1]
     for k in range(EASING + LAST):
         s = v_eps * ca.fmax(1, FIRST_SPEED / v_eps) ** max(0.0, 1 - k / EASING)
-        x = damped(x, s, *given)
-    found = ca.Function("found", [v_eps, *given], [x], cse)
-    return balance, slope, found
+        x = damped(x, s, *inputs)
+    end_of = ca.Function("found", [v_eps, *inputs], [x], cse)
+    return balance, slope, end_of
 
 
 def numbers_of(fingers):

@@ -1,17 +1,19 @@
 r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
 
-    min  sum_t L_t(theta, x_t)                     eq:loss and priors (quasi_static.py)
+    min  sum_t L_t(theta, x_t)                     eq:loss (likelihood.py)
+       + sum   way between actions                 between_actions.py
+       + priors of theta, delta, c                 size_prior.py, indentation.py,
+                                                   centre_of_mass.py
        + sum_k |x_{k+1} - f(x_k, lam_k, r_k)|^2    balance of every step (balance.py)
        + sum   g(x_k, lam_k, r_k)                  finger_contact.py, ground_contact.py
        + sum   LEAST |lam / w|^2                   least impulse (friction.py)
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n          friction.py
          height of every corner >= 0               ground_contact.py
-    over theta, x_k, lam_k, indentation, centre of mass    indentation.py,
-                                                           centre_of_mass.py
+    over theta, x_k, lam_k, delta, c
 
-`add_likelihood` adds the first line, `physics` the others.  An impulse is compared with
-the weight over its time step, w = m g dt, and an energy with the work of lifting the
-object by a millimetre, which costs kappa nats: mass and time step cancel.
+`add_physics` adds what follows the priors.  An impulse is compared with the weight over
+its time step, w = m g dt, and an energy with the work of lifting the object by a
+millimetre, which costs kappa nats: mass and time step cancel.
 
 Departures from the printed equations:
   eq:loss, sliding on      see likelihood.py and between_actions.py
@@ -39,19 +41,17 @@ Departures from the printed equations:
 
 from __future__ import annotations
 
-from functools import partial
-
 from . import balance, centre_of_mass, finger_contact, ground_contact, indentation
-from .balance import Balance
-from .finger_contact import FingerContact
+from .balance import Balance, contacts_of
+from .between_actions import add_coasting
 from .finger_offset import displaced
-from .finger_turn import turned
+from .finger_turn import with_normals_turned_back
 from .friction import Impulses, add_cone, friction, impulses
-from .ground_contact import GroundContact
 from .level import Level
+from .likelihood import add_free, add_touches
 from .names import FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
-from .quasi_static import declare_with_loss
-from .rigid_body import G
+from .rigid_body import G, declare_poses
+from .size_prior import add_size_prior, declare_sizes
 
 FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # if data ask
 OFFSETS = True  # of fingers may be unknown
@@ -73,7 +73,6 @@ ROUGH = (  # from guessed poses, which are centimetres off where the object tumb
 
 TOUCH = 0.15e-3  # [m] model error of a touched gap: soft contact, rounded edges
 NORMAL = 0.010  # [rad] model error of a normal, likewise
-COASTING = partial(declare_with_loss, coasts=True)  # poses tell the object's speed
 WORK_COST = 5.0  # [nats/mm] kappa, for an energy that lifts the object by 1 mm
 SPEED_ROUNDING = 3e-3  # [m/s] v_eps, of |v_s|: 0.1 mm in a step of 1/30 s
 BALANCE_SIGMA = 0.03  # [weights] deviation of a step from balance
@@ -85,25 +84,19 @@ def build(nlp, window, scene, shape, law=Balance):
 
     law: the balance of a step, balance.Balance or a subclass of it.
     """
-    window = turned(nlp, displaced(nlp, window, scene))
+    window = displaced(nlp, window, scene)
+    window = with_normals_turned_back(nlp, window)
     w, pushes, corners = impulses_of(nlp, window, scene, shape)
-    theta, x = add_likelihood(nlp, window, scene, shape, pushes)
-    fingers, ground = contacts_of(window, shape)
-    law = law(fingers, ground, scene.gravity)
-    centre = centre_of_mass.declare(nlp, window, scene, shape)
-    physics(nlp, window, law, theta, x, w, centre, pushes, corners)
-
-
-def add_likelihood(nlp, window, scene, shape, pushes=None, declare=COASTING):
-    """Declare theta and x; add what was felt by fingers that sit in the surface.
-
-    pushes: friction.Impulses, which press soft fingertips in; None: all are rigid.
-    declare: declares theta and x and adds eq:loss, as quasi_static.declare_with_loss.
-    """
-    inside = indentation.declare(nlp, window, scene, pushes)
-    theta, x = declare(nlp, window, shape, TOUCH, NORMAL, inside)
-    indentation.prior(nlp, inside)
-    return theta, x
+    delta = indentation.declare(nlp, window, scene, pushes)
+    theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
+    add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, delta)
+    add_free(nlp, window, shape, theta, x)
+    add_coasting(nlp, window, shape, theta, x)
+    add_size_prior(nlp, shape, theta)
+    indentation.add_prior(nlp, delta)
+    c = centre_of_mass.declare(nlp, window, scene, shape)
+    law = law(*contacts_of(window, shape), scene.gravity)
+    add_physics(nlp, window, law, theta, x, w, c, pushes, corners)
 
 
 def impulses_of(nlp, window, scene, shape, share=None):
@@ -129,13 +122,7 @@ def impulses_of(nlp, window, scene, shape, share=None):
     return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
 
 
-def contacts_of(window, shape):
-    """Return the functions of the contacts of a shape with fingers and ground."""
-    ground = GroundContact(shape, window.motion)
-    return FingerContact(shape, window.motion, window.finger), ground
-
-
-def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):
+def add_physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):
     """Add the balance of every step, g of fingers and ground, and the friction cones.
 
     law: a balance.Balance, theta: the body that it reads; centre: of mass, from the
@@ -143,8 +130,7 @@ def physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None
     """
     balance.add(nlp, window, law, theta, x, w, centre, pushes, corners)
     finger_contact.add(nlp, window, law.fingers, theta, x, pushes)
-    if len(window.unseen):
-        finger_contact.unseen(nlp, window, law.fingers, theta, x, pushes)
+    finger_contact.add_unseen(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)
     add_cone(nlp, FINGER, pushes)
     add_cone(nlp, GROUND, corners)

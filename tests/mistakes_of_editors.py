@@ -14,9 +14,9 @@ def page(term=None, **parts):
     """Return a page: the quasi-static one, with a term, or with other members."""
 
     def build(nlp, window, scene, shape):
-        theta, x = quasi_static.declare_with_loss(nlp, window, shape)
+        quasi_static.build(nlp, window, scene, shape)
         if term is not None:
-            term(nlp, theta, x, window.step)
+            term(nlp, nlp.variables["theta"], nlp.variables["x"], window.step)
 
     made = ModuleType("my_page")
     made.build, made.LEVELS = build, (Level("only"),)
@@ -65,6 +65,9 @@ PAGES = {
     ),
     "a reduction that does not exist": (
         lambda k: k.posed(page(REDUCTIONS={"flat": True})), "planar",
+    ),
+    "an assumption that does not exist": (
+        lambda k: k.posed(page(FREED=("rigid", "plannar"))), "'planar'",
     ),
     "float of a symbol": (
         lambda k: k.solved(formulation=cost(lambda theta: float(theta[0]) ** 2)),

@@ -10,7 +10,7 @@ from tactilenlp import Measurements, Options, World
 from tactilenlp.data.sensor_noise import (
     CONTACT_LATENCY,
     Precision,
-    contact_latency,
+    late_gap,
     precise,
 )
 
@@ -31,18 +31,18 @@ def brushed():
 
 
 def test_only_a_finger_that_feels_nothing_a_sample_later_may_have_parted(brushed):
-    way = contact_latency(brushed)
+    way = late_gap(brushed)
     assert np.argwhere(way).tolist() == [[5, 0]]  # not at the end of an action
     assert way[5, 0] == pytest.approx(CONTACT_LATENCY * SPEED)
     lost = brushed.valid.copy()
     lost[6] = False  # nobody knows whether it left
-    assert not contact_latency(replace(brushed, valid=lost)).any()
+    assert not late_gap(replace(brushed, valid=lost)).any()
 
 
 def test_a_sample_that_comes_twice_is_no_leap(brushed):
     time = brushed.time.copy()
     time[6:10] -= time[6] - time[5] - 1e-9
-    way = contact_latency(replace(brushed, time=time))
+    way = late_gap(replace(brushed, time=time))
     assert way[5, 0] == pytest.approx(SPEED / 30)
 
 
@@ -55,8 +55,8 @@ def test_the_gap_of_a_finger_that_slides_off_an_edge_is_within_that_way():
         away = np.tile([0.2, 0.2, 0.1], (31, 1))
         path = np.stack([along, away], axis=1)
         world.execute(SimpleNamespace(time=t, finger_position=path))
-        (row,) = np.nonzero(contact_latency(world.measurements)[:, 0])[0]
-        ways.append(contact_latency(world.measurements)[row, 0])
+        (row,) = np.nonzero(late_gap(world.measurements)[:, 0])[0]
+        ways.append(late_gap(world.measurements)[row, 0])
         gaps.append(world.truth.distance[row, 0])
     assert max(gaps) > 0.03e-3  # it does happen
     assert np.all(np.abs(gaps) < 2 * np.array(ways))

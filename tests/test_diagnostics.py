@@ -12,7 +12,7 @@ from tactilenlp.nlp.problem import Problem
 
 def test_a_description_names_sizes_units_terms_and_nonzeros():
     problem = merged()
-    text, f = problem.describe(), problem.functions
+    text, f = problem.describe(), problem.assembly.functions
     assert f"{problem.size} unknowns, {problem.rows} constraint rows" in text
     assert f"Jacobian {f['jac_g'].nnz_out(1)}," in text
     assert f"Hessian {f['hess_lag'].nnz_out(0)}\n" in text

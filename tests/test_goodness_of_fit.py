@@ -43,7 +43,7 @@ def test_expected_touch_costs_are_the_mean_of_drawn_noise(recorded, gap, normal)
         "normal scale": np.hypot(violation_implicit.NORMAL, normal),
     })  # fmt: skip
     mean, variance = touch_moments(problem, given, window, 1.0)
-    k = int(np.argmin(window.touch.latency))  # a finger that stays in contact
+    k = int(np.argmin(window.touch.late_gap))  # a finger that stays in contact
     scales = [given[problem.parameters[n].span][0]
               for n in ("touch scale", "normal scale")]  # fmt: skip
     rng = np.random.default_rng(0)

@@ -26,7 +26,7 @@ def differences(function, x, width=1e-5):
 
 def test_merged_poses_give_the_right_gradient_jacobian_and_hessian():
     problem = merged()
-    f, data = problem.functions, problem.data()
+    f, data = problem.assembly.functions, problem.data()
     rng = np.random.default_rng(2)
     x, lam = rng.normal(size=problem.size), rng.normal(size=problem.rows)
 
@@ -63,7 +63,7 @@ def test_merged_poses_give_the_right_gradient_jacobian_and_hessian():
 
 def test_named_derivatives_in_si_add_up_to_the_assembled_ones():
     problem = merged()
-    f, data, s = problem.functions, problem.data(), problem.scale
+    f, data, s = problem.assembly.functions, problem.data(), problem.scale
     rng = np.random.default_rng(3)
     x, lam = rng.normal(size=problem.size), rng.normal(size=problem.rows)
     si = x * s
@@ -88,7 +88,7 @@ def test_an_unknown_that_no_cost_reads_has_zero_slope_for_the_solver_too():
     x = problem.variable("x", 2, 3, guess=1.0, unit="m", scale=1)
     problem.minimize("last", lambda x: x[1] ** 2, x[:, [2]], role="prior")
     problem.subject_to("all", lambda x: ca.sum1(x), x, lower=0)
-    gradient = problem.functions["grad_f"](np.ones(6), problem.data())[1]
+    gradient = problem.assembly.functions["grad_f"](np.ones(6), problem.data())[1]
     # The solver's interface copies nonzeros one after the other: all must be there.
     assert gradient.sparsity().is_dense()
     assert np.asarray(gradient).ravel().tolist() == [0, 0, 0, 0, 0, 2]
@@ -96,12 +96,12 @@ def test_an_unknown_that_no_cost_reads_has_zero_slope_for_the_solver_too():
 
 def test_a_parameter_changes_the_programme_without_building_it_anew():
     problem = merged()
-    built, x = problem.functions, problem.pack({})
+    built, x = problem.assembly.functions, problem.pack({})
     soft, stiff = problem.data({"stiffness": 1.0}), problem.data({"stiffness": 3.0})
     costs = [problem.value("swing", x, d).sum() for d in (soft, problem.data(), stiff)]
     # The cost is linear in the stiffness, whose declared value, 2.5, stays as it was.
     assert costs[1] == pytest.approx(costs[0] + 0.75 * (costs[2] - costs[0]), rel=1e-12)
-    assert problem.functions is built
+    assert problem.assembly.functions is built
     values = [float(built["grad_f"](x / problem.scale, d)[0]) for d in (soft, stiff)]
     assert values[1] - values[0] == pytest.approx(costs[2] - costs[0], rel=1e-12)
 
@@ -117,9 +117,13 @@ def test_unknowns_are_ordered_by_column_and_survive_a_round_trip():
 def test_what_is_reported_can_be_read_and_costs_nothing():
     problem = merged()
     x = problem.variables["x"]
-    before = problem.functions["grad_f"](np.ones(problem.size), problem.data())[0]
+    before = problem.assembly.functions["grad_f"](
+        np.ones(problem.size), problem.data()
+    )[0]
     problem.report("doubled", lambda x: 2 * x, x[:, [3]])
-    after = problem.functions["grad_f"](np.ones(problem.size), problem.data())[0]
+    after = problem.assembly.functions["grad_f"](np.ones(problem.size), problem.data())[
+        0
+    ]
     got = problem.value("doubled", problem.pack({}), problem.data())
     np.testing.assert_array_equal(got, 2 * x.guess[:, [3]].T)
     assert float(before) == float(after)
@@ -187,6 +191,10 @@ def declare(problem):
         (
             lambda p: p.subject_to("a", lambda y: y, declare(p), lower=[0, 0, 0]),
             r"a: wrong shape of a limit: expected \(3, 2\), got \(3,\)",
+        ),
+        (
+            lambda p: p.subject_to("a", lambda y: y, (y := declare(p))[:, :2], per=y),
+            r"a: arguments disagree on the number of instances: got \[2, 3\]",
         ),
         (
             lambda p: p.subject_to("a", lambda y: y, declare(p), lower=1, upper=0),

@@ -10,15 +10,17 @@ from scipy.spatial.transform import Rotation
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Guess, Options, Problem, Scene, solve_estimate
+from tactilenlp import Guess, Options, Problem, Scene, extend, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.errors import MeasurementError
 from tactilenlp.evaluation.metrics import cuboid_errors
+from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.missing_samples import possible_contact
 from tactilenlp.problem.reductions import Reductions, may_move, reduce
 from tactilenlp.problem.static_friction import LONGEST_SLIP, slip_gains
 from tactilenlp.problem.unreduced import transferred_values
 from tactilenlp.solvers.options import SolverOptions
+from tactilenlp.solvers.solution import evaluated
 from tactilenlp.solvers.solve import solve, solve_levels
 
 
@@ -92,6 +94,39 @@ def test_what_is_far_or_absent_leaves_the_optimum_where_it_is(found, name):
     start, _, _ = transferred_values(reduced, windows[1], whole)
     again = solve(whole, replace(exact, barrier=1e-5), start=start)
     assert again.objective == pytest.approx(best.objective, rel=1e-6, abs=1e-6)
+
+
+def test_multipliers_follow_contacts_where_a_constraint_says_so_not_by_its_name(
+    found,
+):
+    data, scene, h = found
+    known = CUBOID, precision_of(data, scene)
+    ends = [0, -1]
+
+    def cap(nlp, window, scene, shape):
+        x = nlp.variables["x"][:, ends]
+        nlp.subject_to("ground tilt cap", lambda x: x[2], x, upper=3.0)
+
+    capped, problems = extend("violation_implicit", cap), []
+    windows = [
+        reduce(data, scene, *known, Reductions.of(off), guess=(h.theta, h.x))
+        for off in ((), "still")
+    ]
+    for window in windows:
+        problems.append(Problem(cache=TermFunctionCache(derive=False)))
+        capped.build(problems[-1], window, scene, CUBOID)
+    lean, whole = problems
+    columns = {name: v.columns for name, v in lean.variables.items()}
+    assert columns["ground"] < whole.variables["ground"].columns
+    at = evaluated(lean, {})
+    numbers = np.arange(columns["ground"])[:, None]
+    own = {"ground tilt cap": np.array([[1.0], [2.0]]), "ground cone": 1.0 + numbers}
+    at = replace(at, multipliers=at.multipliers | own)
+    reduced = SimpleNamespace(window=windows[0], solution=at)
+    _, _, moved = transferred_values(reduced, windows[1], whole)
+    assert np.array_equal(moved["ground tilt cap"], own["ground tilt cap"])
+    cone = moved["ground cone"]
+    assert np.array_equal(cone[cone > 0], own["ground cone"].ravel())
 
 
 def test_a_box_on_ice_is_found_without_tangential_impulses(found):

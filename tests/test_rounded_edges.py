@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formulations import violation_implicit
+from formulations import indentation, violation_implicit
+from formulations.balance import contacts_of
+from formulations.between_actions import add_coasting
+from formulations.likelihood import add_free, add_touches
+from formulations.rigid_body import declare_poses
 from formulations.shape import CUBOID
+from formulations.size_prior import add_size_prior, declare_sizes
 from tactilenlp import Problem, SolverOptions
 from tactilenlp.information.error_budget import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
@@ -58,10 +63,19 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         w, pushes, corners = violation_implicit.impulses_of(
             problem, window, scene, CUBOID
         )
-        x = violation_implicit.add_likelihood(problem, window, scene, shape, pushes)
-        fingers, ground = violation_implicit.contacts_of(window, CUBOID)
+        delta = indentation.declare(problem, window, scene, pushes)
+        x = declare_sizes(problem, shape), declare_poses(problem, window)
+        noise = violation_implicit.TOUCH, violation_implicit.NORMAL
+        add_touches(problem, window, shape, *x, *noise, delta)
+        add_free(problem, window, shape, *x)
+        add_coasting(problem, window, shape, *x)
+        add_size_prior(problem, shape, x[0])
+        indentation.add_prior(problem, delta)
+        fingers, ground = contacts_of(window, CUBOID)
         law = violation_implicit.Balance(fingers, ground, scene.gravity)
-        violation_implicit.physics(problem, window, law, *x, w, 0.0, pushes, corners)
+        violation_implicit.add_physics(
+            problem, window, law, *x, w, 0.0, pushes, corners
+        )
         values = kkt.problem.unpack(kkt.x)
         found = solve(problem, SolverOptions(ipopt={"mu_init": 1e-7}), start=values)
         assert found.success

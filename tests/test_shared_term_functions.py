@@ -23,7 +23,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
 from tactilenlp.interface.options import Session
 from tactilenlp.interface.request import make_job
-from tactilenlp.search.hypothesis import Hypothesis, TermFunctions
+from tactilenlp.search.hypothesis import FunctionsByPage, Hypothesis
 from tactilenlp.search.local_solve import built_page
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
@@ -65,7 +65,7 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
     made = replace(few.reductions, planar=not free)
     few = replace(few, reductions=replace(made, still=False, far=False, absent=False))
     more = replace(more, reductions=made)
-    one, other = (problem_of(job).term_functions for job in (few, more))
+    one, other = (problem_of(job).functions_by_name for job in (few, more))
     common = one.keys() & other.keys()
     assert len(common) >= 4
     for key in common:
@@ -76,25 +76,25 @@ def test_a_term_is_the_same_function_whatever_else_its_window_holds(
 def test_problems_of_one_job_share_term_functions_but_not_those_of_another_motion():
     job = job_of(violation_implicit, CUBOID, "cuboid", 1)
     first, again = (problem_of(job) for _ in range(2))
-    assert first.term_functions
-    assert first.term_functions is again.term_functions
+    assert first.functions_by_name
+    assert first.functions_by_name is again.functions_by_name
     free = replace(job, reductions=replace(job.reductions, planar=False))
-    assert problem_of(free).term_functions is not first.term_functions
+    assert problem_of(free).functions_by_name is not first.functions_by_name
     other = problem_of(replace(job, page=quasi_static))
-    assert other.term_functions is not first.term_functions
+    assert other.functions_by_name is not first.functions_by_name
 
 
 def test_a_page_that_does_not_say_so_shares_nothing():
     job = job_of(shooting, CUBOID, "cuboid", 1)
     first, again = (problem_of(job) for _ in range(2))
-    assert first.term_functions is not again.term_functions
+    assert first.functions_by_name is not again.functions_by_name
     assert not job.functions
 
 
 def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
     session = Session()
     job = job_of(quasi_static, CUBOID, "cuboid", 1)
-    functions = problem_of(job).term_functions
+    functions = problem_of(job).functions_by_name
     origin = Hypothesis(np.full(3, 0.04), np.zeros((3, 1)), 0.0, ())
     start = SimpleNamespace(origin=origin)
     session.keep(start, job)
@@ -103,7 +103,7 @@ def test_an_estimate_leaves_its_term_functions_to_who_goes_on_from_it():
         return session.functions_for(start, scene, CUBOID, quasi_static)
 
     more = replace(job, functions=known(start, job.scene))
-    assert problem_of(more).term_functions is functions
+    assert problem_of(more).functions_by_name is functions
     assert not known(start, replace(job.scene, mass=7.0))
     assert not known(SimpleNamespace(origin=replace(origin)), job.scene)
     assert not known(None, job.scene)
@@ -129,4 +129,4 @@ def test_term_functions_stay_in_their_process():
     assert job.functions
     again = pickle.loads(pickle.dumps(job.functions))
     assert again == {}
-    assert isinstance(again, TermFunctions)
+    assert isinstance(again, FunctionsByPage)

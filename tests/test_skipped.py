@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Options, solve_estimate
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
-from tactilenlp.problem.certificates import Skipped
+from tactilenlp.problem.certificates import Skipped, frictionless
 from tactilenlp.refinement.certification import certified
 from tactilenlp.search.local_solve import solved_from, warm_started
 
@@ -80,3 +81,22 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     sigma = apart.information.sigma("side_lengths")
     for e in (merged, cut):
         assert (np.abs(e.side_lengths - apart.side_lengths) < 0.1 * sigma).all()
+
+
+@pytest.mark.parametrize("rows", [0, 1, 3])  # impulses that the page has of a contact
+@pytest.mark.parametrize("mu", [0.0, 0.2])
+def test_only_a_page_without_tangential_impulses_has_dropped_them_where_none_act(
+    rows, mu
+):
+    values = {"ground": np.full((rows, 5), 0.3)} if rows else {}
+    solved = SimpleNamespace(
+        solution=SimpleNamespace(values=values, parameters={"ground friction": [mu]}),
+        problem=SimpleNamespace(variables={"ground": SimpleNamespace(scale=[0.1])}),
+        window=SimpleNamespace(frictionless=("ground",)),
+    )  # fmt: skip
+    skipped = frictionless(solved)
+    assert (skipped is None) == (rows != 1)
+    if skipped is not None:
+        assert skipped.dropped == "10 tangential impulses"
+        assert skipped.value == pytest.approx(3.0 * mu)  # [weights]
+        assert skipped.holds == (mu == 0.0)

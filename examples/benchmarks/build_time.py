@@ -72,7 +72,7 @@ def built(way, h) -> tuple[Problem, list[float]]:
     times.append(process_time())
     way.page.build(problem, window, way.scene, window.shape)
     times.append(process_time())
-    _ = problem.functions
+    _ = problem.assembly.functions
     times.append(process_time())
     Solvers(problem).kept(SolverOptions())
     return problem, np.diff([*times, process_time()]).tolist()

@@ -36,7 +36,7 @@ from tactilenlp.common.deadline import Deadline
 from tactilenlp.data.sensor_noise import precision_of, smoothed
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
+from tactilenlp.search.hypothesis import FunctionsByPage, Hypothesis, Job
 from tactilenlp.search.local_solve import (
     built_page,
     freed_to_tilt,
@@ -81,7 +81,7 @@ class Way:
         return Job(
             smoothed(self.data, precision), self.scene, self.shape, precision,
             Reductions.of(self.off), self.page, Options(), Deadline.within(LONGEST),
-            TermFunctions(),
+            FunctionsByPage(),
         )  # fmt: skip
 
 

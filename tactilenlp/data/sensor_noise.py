@@ -181,7 +181,7 @@ def precise(data: Measurements, precision: Precision) -> bool:
     return precision.position < SMOOTHING_NOISE * data.finger_radius.min()
 
 
-def contact_latency(data: Measurements) -> np.ndarray:
+def late_gap(data: Measurements) -> np.ndarray:
     """Return how far off a finger may be that is felt (T, F) [m]: one that just left.
 
     A boolean is a mean over some milliseconds, a position is that of an instant: a

@@ -32,5 +32,5 @@ def compile_ahead(shape: str) -> Estimate:
     for name in LARGER_MODELS:
         larger = job.with_reductions(**{name: False})
         problem = built_page(larger, in_motion_of(larger, estimate.origin)).problem
-        log.info("without %r: %d functions", name, len(problem.functions))
+        log.info("without %r: %d functions", name, len(problem.assembly.functions))
     return estimate

@@ -11,8 +11,6 @@ from ..errors import Interrupted, MotionError
 from ..interface.readout import read_off
 from ..interface.request import Request
 from ..interface.result import Estimate
-from ..nlp.problem import Problem
-from ..nlp.term_functions import TermFunctionCache
 from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import window_of
@@ -55,10 +53,9 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
         job = replace(job, page=page_of("quasi_static", job.shape))
     best = in_motion_of(job, min(starts, key=lambda h: h.rank))
     window = window_of(job, (best.theta, best.x))
-    problem = Problem(cache=TermFunctionCache(derive=False))
-    job.page.build(problem, window, job.scene, window.shape)
-    built, parameters = BuiltPage(problem, window, best), job.page.LEVELS[-1].parameters
-    solution = evaluated(problem, built.values_at(best), parameters)
+    built = BuiltPage(job.build(window, solved=False), window, best)
+    parameters = job.page.LEVELS[-1].parameters
+    solution = evaluated(built.problem, built.values_at(best), parameters)
     solved = Solved(best, built, solution, job)
     seconds = solution.seconds | {"search": spent, "total": spent}
     request, over = replace(request, job=job), replace(now, strict=True)

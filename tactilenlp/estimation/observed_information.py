@@ -18,8 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formulations.names import FREE_TERM, TOUCH_TERM
-
 from ..common.brief import printed
 from ..common.threads import on_one_thread
 from ..common.validation import check_one_of, check_types
@@ -159,17 +157,13 @@ def _assumptions(scene, window) -> Iterator[tuple[str, str, float, list]]:
 
 def shifted(window, finger: int, way: np.ndarray):
     """Return the window as if a finger had been elsewhere by `way` (3,) [m] always."""
-    changed = {}
-    for part, names in (
-        (TOUCH_TERM, ["p_wf"]),
-        (FREE_TERM, ["p_wf"]),
-        ("push", ["p_wf", "p_wf_1"]),
-    ):
-        rows = getattr(window, part)
-        there = np.zeros_like(rows.p_wf)
-        there[rows.finger == finger, :3] = way
-        changed[part] = replace(rows, **{n: getattr(rows, n) + there for n in names})
-    return replace(window, **changed)
+
+    def there(rows, p_wf):
+        p_wf = p_wf.copy()
+        p_wf[rows.finger == finger, :3] += way
+        return p_wf
+
+    return window.with_fingers(there)
 
 
 @typed_call()

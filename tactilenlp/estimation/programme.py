@@ -12,7 +12,7 @@ from ..interface.options import Options
 from ..interface.result import solution_of
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Job, TermFunctions
+from ..search.hypothesis import FunctionsByPage, Job
 from ..search.local_solve import built_page
 from ..search.solved import Solved
 
@@ -50,7 +50,7 @@ def programme_at(estimate, shape=None, formulation=None) -> Solved:
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
         page=page, options=Options(),
-        deadline=NEVER, functions=TermFunctions(),
+        deadline=NEVER, functions=FunctionsByPage(),
     ).as_late_as(precision)  # fmt: skip
     built = built_page(job, estimate.origin)
     _check_same_unknowns(built.problem, estimate)

@@ -54,7 +54,7 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     P = sym("P", 3, 3)
     laws = ca.vertsplit(known)
     foot = pushing.foot_squared(shape, theta, pose[1])
-    here = shape, SPHERE, theta, pushing.moved(pose, s)
+    here = shape, SPHERE, theta, pushing.pose_after(pose, s)
     meant = _commanded(here, p, goal_1, goal, rho, laws)
 
     tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
@@ -146,7 +146,7 @@ def _sensing_function(shape, free: bool) -> ca.Function:
     z, theta, pose = _unknowns(shape, free)
     s, r, rho, sensors = (shape.symbol("in", n) for n in (3, 3, 1, 3))
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
-    at = pushing.moved(pose, s)
+    at = pushing.pose_after(pose, s)
     phi = SPHERE.gap(shape, theta, at, r, rho)
     sensed = ca.vertcat(phi, SPHERE.normal(shape, theta, at, r, rho))
     p = exploration.probability(phi, alpha)

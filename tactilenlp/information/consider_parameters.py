@@ -219,16 +219,12 @@ def fingers_earlier(window, data, lag: float):
     """
     rate = rate_of(data, data.finger_position)
 
-    def earlier(rows, *places):
-        moved = {name: getattr(rows, name).copy() for name in places}
-        for p_wf in moved.values():
-            p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
-        return replace(rows, **moved)
+    def earlier(rows, p_wf):
+        p_wf = p_wf.copy()
+        p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
+        return p_wf
 
-    return replace(
-        window, touch=earlier(window.touch, "p_wf"), free=earlier(window.free, "p_wf"),
-        push=earlier(window.push, "p_wf", "p_wf_1"),
-    )  # fmt: skip
+    return window.with_fingers(earlier)
 
 
 def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:

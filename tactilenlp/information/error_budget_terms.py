@@ -81,7 +81,8 @@ def uneven_ground(kkt: KKTSystem, by_constraint, window) -> np.ndarray:
     problem = kkt.problem
     slopes = problem.jacobian(GROUND_GAP, kkt.x, kkt.data)
     slopes = slopes[:, problem.variables["x"].span]
-    rows = window.followed(by_constraint[problem.constraints[GROUND_GAP].span], slopes)
+    gaps = problem.constraints[GROUND_GAP].span
+    rows = window.rigid_moves(by_constraint[gaps], slopes)
     return UNEVEN**2 * rows.T @ rows
 
 

@@ -265,8 +265,8 @@ def touch_moments(problem, data, window, smoothing: float):
         float(data[problem.parameters[name].span][0])
         for name in (TOUCH_SCALE, NORMAL_SCALE)
     )
-    off = np.hypot(sigma, window.touch.latency)
-    turned = np.hypot(sigma_n, window.touch.latency / window.touch.radius)
+    off = np.hypot(sigma, window.touch.late_gap)
+    turned = np.hypot(sigma_n, window.touch.late_gap / window.touch.radius)
     sigma_p = window.sigma_position * np.sqrt(smoothing)
     gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / off
     normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / turned

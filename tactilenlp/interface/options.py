@@ -13,7 +13,7 @@ from ..common.validation import as_floats, as_number, check_types, check_whole
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
 from ..problem.reductions import Reductions
-from ..search.hypothesis import TermFunctions
+from ..search.hypothesis import FunctionsByPage
 from ..solvers.options import check_positive
 
 MOST_STARTS = 1_000_000  # [-] hypotheses or starts
@@ -145,14 +145,14 @@ class Session:
     def __init__(self):
         self._by_origin = WeakKeyDictionary()
 
-    def functions_for(self, start, scene, shape, page) -> TermFunctions:
+    def functions_for(self, start, scene, shape, page) -> FunctionsByPage:
         """Return the term functions of the estimate `start`; new ones of any other."""
         if getattr(start, "origin", None) not in self._by_origin:
-            return TermFunctions()
+            return FunctionsByPage()
         solved_as, functions = self._by_origin[start.origin]
         # A page that was edited and reloaded has another `build`.
         same = solved_as == (scene.as_told, shape, page.build)
-        return functions if same else TermFunctions()
+        return functions if same else FunctionsByPage()
 
     def keep(self, estimate, job) -> None:
         """Keep the term functions of a job for solves that start from its estimate."""

@@ -28,7 +28,7 @@ from ..geometry.transforms import planar_matrix, rotation_of
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
-from ..search.hypothesis import Hypothesis, Job, TermFunctions
+from ..search.hypothesis import FunctionsByPage, Hypothesis, Job
 from ..search.proposals_surface import as_polytope
 from .options import Guess, Options, Session
 from .result import Estimate
@@ -127,7 +127,7 @@ def asked(scene, shape, formulation, options, executor) -> tuple:
 def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     """Return what a solve needs: data in the ground's frame, noisy paths smoothed.
 
-    began [s] of time.monotonic(); functions: TermFunctions to share, by default new.
+    began [s] of time.monotonic(); functions: FunctionsByPage to share, by default new.
     """
     frame = frame_of(scene.ground)
     data = data.transformed(frame.rotation, frame.translation)
@@ -139,7 +139,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
         reductions=required_reductions(page, made), page=page, options=options,
         deadline=Deadline.within(options.time_limit, began),
-        functions=TermFunctions() if functions is None else functions,
+        functions=FunctionsByPage() if functions is None else functions,
     )  # fmt: skip
     return job.as_late_as(precision)
 

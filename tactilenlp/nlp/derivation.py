@@ -20,7 +20,7 @@ import casadi as ca
 PARTS = ("arguments", "first", "second", "patterns")  # names of the derived functions
 
 
-class Traced(NamedTuple):
+class TermExpressions(NamedTuple):
     """A term (z, d, u) -> v, F; (z, d) -> a of its roots; their solver, if any.
 
     A solver is applied to as many parts of a as there are roots, one after the other.
@@ -31,7 +31,7 @@ class Traced(NamedTuple):
     solver: ca.Function | None
 
 
-def trace(function, unknowns, order, noting=nullcontext) -> Traced:
+def expressions_of(function, unknowns, order, noting=nullcontext) -> TermExpressions:
     """Return the term `function`; arguments as of TermFunctionCache.of."""
     z = [ca.SX.sym(f"z{i}", n) for i, n in enumerate(unknowns)]
     d = [ca.SX.sym(f"d{i}", n) for i, (role, n) in enumerate(order) if role == "d"]
@@ -44,7 +44,7 @@ def trace(function, unknowns, order, noting=nullcontext) -> Traced:
     solver, argument = _common(roots, ca.vertcat(z, d))
     none = [ca.SX(0, 1)]
     u, residual = (ca.vertcat(*none, *(root[k] for root in roots)) for k in (0, 1))
-    return Traced(
+    return TermExpressions(
         ca.Function("term", [z, d, u], [value, residual]),
         ca.Function("arguments", [z, d], [ca.densify(argument)], {"cse": True}),
         solver,
@@ -80,7 +80,7 @@ def _common(roots: list[tuple], whole) -> tuple[ca.Function | None, ca.SX]:
     return ca.Function("root", [whole], [ca.vertcat(*found)], {"cse": True}), whole
 
 
-def values(term: Traced) -> list[ca.Function]:
+def values(term: TermExpressions) -> list[ca.Function]:
     """Return `arguments` and `first`, without derivatives."""
     z, d, u = (ca.SX.sym(name, term.at.size1_in(k)) for k, name in enumerate("zdu"))
     return [term.arguments, ca.Function("first", [z, d, u], [term.at(z, d, u)[0]])]

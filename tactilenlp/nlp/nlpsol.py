@@ -2,9 +2,9 @@ r"""Programmes as `casadi.nlpsol` takes them: whole, or in their free unknowns.
 
 The whole one is an `Assembly`.  Of `Eliminated`, the other unknowns follow from the
 free ones, step after step: a constraint made by `Problem.follow`, y = F(x, y before it,
-d), gives some columns of the unknowns.  Split all unknowns into free ones u and given
-ones y(u).  With the whole programme's f, g and the residuals D(u, y) of what is
-followed,
+d), gives some columns of the unknowns.  Split all unknowns into free ones u and
+dependent ones y(u).  With the whole programme's f, g and the residuals D(u, y) of the
+constraints that define y,
 
     a:  D_y' a = -(s f_y + g_y' l)                 the multipliers of D (adjoint sweep)
     Z = [1; -D_y^-1 D_u]                                                 how y follows u
@@ -27,24 +27,27 @@ from ..errors import PageError
 class Eliminated:
     """A problem in its free unknowns u, scaled; to be evaluated as an Assembly is.
 
-    free, given: indices into the vector of all unknowns; kept: rows of the constraints
-    that remain; jacobian, hessian: patterns; functions: what `nlpsol` takes.
+    free, dependent: indices into the vector of all unknowns; kept: rows of the
+    constraints that remain, defining: of those that give the dependent ones; jacobian,
+    hessian: patterns; functions: what `nlpsol` takes.
     """
 
     def __init__(self, problem):
         self.problem = problem
-        self.given = np.concatenate(
-            [np.zeros(0, int), *(columns.ravel() for columns in problem.given.values())]
+        self.dependent = np.concatenate(
+            [np.zeros(0, int), *map(np.ravel, problem.dependent.values())]
         )
-        if not len(self.given):
+        if not len(self.dependent):
             raise PageError("nothing to eliminate", next="call nlp.follow on the page")
-        if len(np.unique(self.given)) < len(self.given):
-            raise PageError("an unknown is given twice", where=str([*problem.given]))
+        if len(np.unique(self.dependent)) < len(self.dependent):
+            raise PageError(
+                "an unknown is given twice", where=str([*problem.dependent])
+            )
         rows = np.zeros(problem.rows, bool)
-        for name in problem.given:
+        for name in problem.dependent:
             rows[problem.constraints[name].span] = True
-        self.kept, self.followed = np.nonzero(~rows)[0], np.nonzero(rows)[0]
-        self.free = np.setdiff1d(np.arange(problem.size), self.given)
+        self.kept, self.defining = np.nonzero(~rows)[0], np.nonzero(rows)[0]
+        self.free = np.setdiff1d(np.arange(problem.size), self.dependent)
         self.rounds = self._rounds()
         self._at = None
         n = len(self.free)
@@ -53,17 +56,17 @@ class Eliminated:
         self.functions = nlpsol_functions(self, problem.data().size)
 
     def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
-        """Return all unknowns: those that are given computed from those that are free.
+        """Return all unknowns: the dependent ones computed from those that are free.
 
-        x (unknowns,) SI, of which the given ones are only where computing begins.
+        x (unknowns,) SI, of which the dependent ones are only where computing begins.
         """
         x, scale = x.copy(), self.problem.scale
         for name, rows in self.rounds:
             term = self.problem.constraints[name]
             z, d = x[term.unknowns[rows]], data[term.data[rows]]
             residual = term.function.evaluated("first", z.T, d.T)[0].T
-            given = self.problem.given[name][rows]
-            x[given] += residual * scale[given]
+            columns = self.problem.dependent[name][rows]
+            x[columns] += residual * scale[columns]
         return x
 
     def multipliers(self, x, data, lam_g) -> np.ndarray:
@@ -90,24 +93,24 @@ class Eliminated:
         """Return the nonzeros of the Hessian of lam_f f + lam_g' g by u."""
         at = self._slopes(u, data)
         lam, Z = self._adjoint(at, lam_f, lam_g), at["Z"]
-        given = at["x"] / self.problem.scale, data, lam_f, lam
-        H = Z.T @ (self.problem.assembly.curvature(*given) @ Z)
+        x, problem = at["x"] / self.problem.scale, self.problem
+        H = Z.T @ (problem.assembly.curvature(x, data, lam_f, lam) @ Z)
         return H.T[np.tril_indices(len(u))]  # symmetric: columns of its upper part
 
     def _rounds(self) -> list[tuple[str, np.ndarray]]:
         """Return (constraint, instances) in an order in which each can be computed."""
         problem = self.problem
-        known = np.ones(problem.size, bool)
-        known[self.given] = False
-        left = {name: np.arange(len(g)) for name, g in problem.given.items()}
+        computed = np.ones(problem.size, bool)
+        computed[self.dependent] = False
+        left = {name: np.arange(len(g)) for name, g in problem.dependent.items()}
         rounds = []
         while any(map(len, left.values())):
             ready = {}
             for name, rows in left.items():
                 # Its own columns come last: a residual also reads what it gives.
-                own = problem.given[name].shape[1]
+                own = problem.dependent[name].shape[1]
                 inputs = problem.constraints[name].unknowns[rows, :-own]
-                ready[name] = known[inputs].all(axis=1)
+                ready[name] = computed[inputs].all(axis=1)
             if not any(r.any() for r in ready.values()):
                 raise PageError("unknowns follow from each other", where=str([*left]))
             for name, now in ready.items():
@@ -115,7 +118,7 @@ class Eliminated:
                 left[name] = left[name][~now]
                 if len(rows):
                     rounds.append((name, rows))
-                    known[problem.given[name][rows]] = True
+                    computed[problem.dependent[name][rows]] = True
         return rounds
 
     # -- derivatives ------------------------------------------------------------------
@@ -133,26 +136,26 @@ class Eliminated:
         return self._at
 
     def _slopes(self, u, data) -> dict:
-        """Return that with the Jacobian and how the given unknowns follow, scaled."""
+        """Return that with the Jacobian and how dependent unknowns follow, scaled."""
         at = self._look(u, data)
         if "Z" in at:
             return at
         problem = self.problem
         J = problem.assembly.slopes(at["x"] / problem.scale, data)
-        at["rest"], D = J[self.kept], J[self.followed].tocsc()
-        at["factor"] = splu(D[:, self.given].tocsc())
+        at["rest"], D = J[self.kept], J[self.defining].tocsc()
+        at["factor"] = splu(D[:, self.dependent].tocsc())
         Z = np.zeros((problem.size, len(self.free)))
         Z[self.free, np.arange(len(self.free))] = 1.0
-        Z[self.given] = -at["factor"].solve(D[:, self.free].toarray())
+        Z[self.dependent] = -at["factor"].solve(D[:, self.free].toarray())
         at["Z"], at["J"] = Z, at["rest"] @ Z
         return at
 
     def _adjoint(self, at, lam_f, lam_g) -> np.ndarray:
-        """Return the multipliers of what is kept, and those of what is followed."""
+        """Return the multipliers of what is kept, and those that define unknowns."""
         pull = lam_f * at["grad"] + at["rest"].T @ lam_g
         lam = np.zeros(self.problem.rows)
         lam[self.kept] = lam_g
-        lam[self.followed] = -at["factor"].solve(pull[self.given], "T")
+        lam[self.defining] = -at["factor"].solve(pull[self.dependent], "T")
         return lam
 
 
@@ -213,12 +216,11 @@ class ArrayFunction(ca.Callback):
 
     def eval_buffer(self, arguments, results):
         """Read the arguments from CasADi's memory, write the results; return 0."""
-        given = [
+        values = [
             np.zeros(pattern.nnz()) if one is None else np.frombuffer(one)
             for one, pattern in zip(arguments, self._inputs, strict=True)
         ]  # CasADi's null pointer stands for zeros
-        found = self._function(*given)
-        for out, values in zip(results, found, strict=True):
+        for out, result in zip(results, self._function(*values), strict=True):
             if out is not None:
-                np.frombuffer(out)[:] = values
+                np.frombuffer(out)[:] = result
         return 0

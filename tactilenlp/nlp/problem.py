@@ -31,7 +31,7 @@ from .term_functions import (
     TermFunctionCache,
     default_cache,
     term_function_named,
-    traced,
+    without_derivatives,
 )
 from .terms import (
     Columns,
@@ -40,9 +40,9 @@ from .terms import (
     Variable,
     apart,
     block,
+    check_declared,
     check_owner,
     instances_of,
-    known,
     limits_of,
     setting,
     table,
@@ -63,9 +63,9 @@ class Problem:
     costs: dict[str, Term] = field(default_factory=dict)
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
-    given: dict[str, np.ndarray] = field(default_factory=dict)  # by constraint, indices
+    dependent: dict[str, np.ndarray] = field(default_factory=dict)  # see `follow`
     # By name and sizes of the arguments; problems of one page may share them.
-    term_functions: dict[tuple, object] = field(default_factory=dict)
+    functions_by_name: dict[tuple, object] = field(default_factory=dict)
     cache: TermFunctionCache = field(default_factory=default_cache)
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     noting: Callable = nullcontext  # see TermFunctionCache.of
@@ -88,8 +88,8 @@ class Problem:
         size = block(scale, (rows, 1), name)[:, 0]
         if not np.all((size > 0) & np.isfinite(size)):
             raise PageError(f"{name}: not a scale", got=size.tolist())
-        given = name, rows, columns, lower, upper, guess, unit, size, self.size
-        return self.variables.setdefault(name, Variable(*given))
+        v = Variable(name, rows, columns, lower, upper, guess, unit, size, self.size)
+        return self.variables.setdefault(name, v)
 
     def parameter(self, name, value, unit="") -> Parameter:
         """Declare a number or vector shared by all instances of the terms it enters."""
@@ -108,11 +108,17 @@ class Problem:
         self._add(self.costs, name, function, arguments, role=role)
 
     def subject_to(
-        self, name: str, function: Callable, *arguments, lower=-np.inf, upper=np.inf
-    ) -> None:
-        """Bound every row of `function` at every instance."""
-        limits = {"lower": lower, "upper": upper, "first_row": self.rows}
-        self._add(self.constraints, name, function, arguments, **limits)
+        self, name: str, function: Callable, *arguments, lower=-np.inf, upper=np.inf,
+        per: Variable | None = None,
+    ) -> None:  # fmt: skip
+        """Bound every row of `function` at every instance.
+
+        per: unknowns to whose columns the instances belong, one to each, in order.
+        """
+        self._add(
+            self.constraints, name, function, arguments, per=per, first_row=self.rows,
+            lower=lower, upper=upper,
+        )  # fmt: skip
 
     def follow(self, name: str, function: Callable, *arguments, gives: Columns) -> None:
         """Constrain the columns `gives` to be `function` of columns that come before.
@@ -125,11 +131,11 @@ class Problem:
             return (function(*local[:-1]) - local[-1]) / gives.variable.scale
 
         self.subject_to(name, residual, *arguments, gives, lower=0, upper=0)
-        self.given[name] = gives.indices
+        self.dependent[name] = gives.indices
 
     def report(self, name: str, function: Callable, *arguments) -> None:
         """Name a quantity to be read off a solution; it costs nothing to solve."""
-        self._add(self.reports, name, function, arguments, trace=traced)
+        self._add(self.reports, name, function, arguments, derive=without_derivatives)
 
     @property
     def size(self) -> int:
@@ -151,7 +157,7 @@ class Problem:
     def data(self, changes: dict | None = None) -> np.ndarray:
         """Return the vector of all data, with some parameters changed by name."""
         data = np.concatenate(self._data) if self._data else np.zeros(0)
-        known(changes, self.parameters, "parameter")
+        check_declared(changes, self.parameters, "parameter")
         for name, value in (changes or {}).items():
             data[self.parameters[name].span] = setting(value, self.parameters[name])
         return data
@@ -163,11 +169,11 @@ class Problem:
 
     def pack(self, values: dict[str, np.ndarray]) -> np.ndarray:
         """Return the vector of all unknowns in SI; what is not given is the guess."""
-        known(values, self.variables, "variable")
+        check_declared(values, self.variables, "variable")
         blocks = []
         for v in self.variables.values():
-            given = block(values.get(v.name, v.guess), (v.rows, v.columns), v.name)
-            blocks.append(given.T.ravel())
+            value = block(values.get(v.name, v.guess), (v.rows, v.columns), v.name)
+            blocks.append(value.T.ravel())
         return np.concatenate([np.zeros(0), *blocks])
 
     def unpack(self, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -227,19 +233,10 @@ class Problem:
         """The programme in scaled unknowns: values and derivatives as arrays."""
         return Assembly(self)
 
-    @property
-    def functions(self) -> dict:
-        """The programme in scaled unknowns as `nlpsol` takes it, with derivatives."""
-        return self.assembly.functions
-
     @cached_property
     def eliminated(self) -> Eliminated:
         """The programme in the unknowns that no other ones give."""
         return Eliminated(self)
-
-    def programme(self, eliminate: bool) -> Assembly | Eliminated:
-        """Return the programme in all unknowns, or in those that no other ones give."""
-        return self.eliminated if eliminate else self.assembly
 
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
@@ -253,8 +250,8 @@ class Problem:
         return sum(map(len, self._data[:-1]))
 
     def _add(
-        self, kept, name, function, arguments, role=None, first_row=0, trace=None,
-        **limits,
+        self, kept, name, function, arguments, role=None, first_row=0, derive=None,
+        per=None, **limits,
     ):  # fmt: skip
         """Keep a term among others; what has no instance is left out and costs none."""
         self._new(name, {**self.terms, **self.reports})
@@ -262,6 +259,8 @@ class Problem:
         instances = instances_of(name, arguments)
         if instances == 0:
             return
+        if per is not None:
+            instances = instances_of(name, [*arguments, per[:, :]])
         unknowns, data, order = [], [], []
         for argument in arguments:
             check_owner(self, name, argument)
@@ -272,7 +271,7 @@ class Problem:
             read.append(np.broadcast_to(indices, (instances, indices.shape[1])))
             order.append((role_of, indices.shape[1]))
         sizes = [indices.shape[1] for indices in unknowns]
-        derived = self._traced(name, trace, function, sizes, order)
+        derived = self._function_of(name, derive, function, sizes, order)
         if role is not None and derived.rows != 1:
             raise PageError(
                 "a cost is one number", where=name, got=f"{derived.rows} rows",
@@ -281,16 +280,18 @@ class Problem:
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         read = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        kept[name] = Term(name, derived, role, *read, first_row=first_row, **limits)
+        per = per and per.name
+        kept[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
+                          per=per)  # fmt: skip
 
-    def _traced(self, name, trace, function, sizes, order):
+    def _function_of(self, name, derive, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""
-        if (key := (name, *order)) not in self.term_functions:
+        if (key := (name, *order)) not in self.functions_by_name:
             self.deadline.check()
             of = partial(self.cache.of, deadline=self.deadline, noting=self.noting)
-            given = name, trace or of, function, sizes, order
-            self.term_functions[key] = term_function_named(*given)
-        return self.term_functions[key]
+            made = term_function_named(name, derive or of, function, sizes, order)
+            self.functions_by_name[key] = made
+        return self.functions_by_name[key]
 
     def _data_indices(self, name: str, argument) -> np.ndarray:
         if isinstance(argument, Parameter):

@@ -23,7 +23,7 @@ import numpy as np
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
 from .codegen import begun, kept
-from .derivation import PARTS, derivatives, trace, values
+from .derivation import PARTS, derivatives, expressions_of, values
 from .simd import WIDTH
 
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
@@ -113,8 +113,8 @@ class TermFunctionCache:
         and its argument a.
         """
         if not self.derive:
-            return traced(function, unknowns, order)
-        *term, solver = trace(function, unknowns, order, noting)
+            return without_derivatives(function, unknowns, order)
+        *term, solver = expressions_of(function, unknowns, order, noting)
         of_roots = _digest(solver) if solver else ""
         key = "".join([*(part.serialize() for part in term), of_roots])
         if key not in self.functions:
@@ -134,8 +134,8 @@ class TermFunctionCache:
     def _made(self, names, key: str, derive: Callable, deadline: Deadline) -> tuple:
         """Return functions, and what returns them compiled: earlier ones, if kept."""
         origin = _derivation_rule() + key
-        if found := kept(names, origin):
-            return found, lambda: found
+        if functions := kept(names, origin):
+            return functions, lambda: functions
         began = time.perf_counter()
         functions = derive()
         made = begun(functions, origin, deadline, True)
@@ -152,17 +152,19 @@ def default_cache() -> TermFunctionCache:
     return _default
 
 
-def traced(function: Callable, unknowns: list[int], order: list[tuple]) -> TermFunction:
+def without_derivatives(
+    function: Callable, unknowns: list[int], order: list[tuple]
+) -> TermFunction:
     """Return a term function without derivatives: for what is read off a solution."""
-    made = values(trace(function, unknowns, order))
+    made = values(expressions_of(function, unknowns, order))
     sizes = made[1].size1_out(0), *(made[1].size1_in(k) for k in range(3))
     return TermFunction(*sizes, 0, 0, lambda: made)  # roots are written out
 
 
-def term_function_named(name: str, trace, function, sizes, order) -> TermFunction:
-    """Return trace(function, sizes, order); PageError names the term where it fails."""
+def term_function_named(name: str, derive, function, sizes, order) -> TermFunction:
+    """Return derive(function, sizes, order); PageError names the term if it fails."""
     try:
-        return trace(function, sizes, order)
+        return derive(function, sizes, order)
     except PageError:
         raise
     except Exception as error:
@@ -175,19 +177,19 @@ def term_function_named(name: str, trace, function, sizes, order) -> TermFunctio
         ) from error  # fmt: skip
 
 
-def of_columns(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
+def of_columns(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """Return what a function, of one column or several at once, returns for columns.
 
     One of several is given the last column again until its calls are full.
     """
-    columns = given[0].shape[1]
+    columns = arguments[0].shape[1]
     filled = np.minimum(np.arange(padded(columns)), columns - 1)
-    read = [array.T[filled].ravel().astype(float) for array in given]
+    inputs = [array.T[filled].ravel().astype(float) for array in arguments]
     rows = map(function.size1_out, range(function.n_out()))
-    found = [np.zeros(len(filled) * count) for count in rows]
-    evaluate, _ = between_slices(function, columns, read, found)
+    results = [np.zeros(len(filled) * count) for count in rows]
+    evaluate, _ = between_slices(function, columns, inputs, results)
     evaluate()
-    return [array.reshape(len(filled), -1)[:columns].T for array in found]
+    return [array.reshape(len(filled), -1)[:columns].T for array in results]
 
 
 def padded(instances: int) -> int:
@@ -195,18 +197,18 @@ def padded(instances: int) -> int:
     return -(-instances // WIDTH) * WIDTH
 
 
-def between_slices(function: ca.Function, instances: int, given, found) -> tuple:
+def between_slices(function: ca.Function, instances: int, inputs, outputs) -> tuple:
     """Return what applies a function to all instances, and what that needs alive.
 
-    given, found: slices of arrays that it reads and writes, of `padded` instances.
+    inputs, outputs: slices of arrays that it reads and writes, of `padded` instances.
     """
     width = function.size2_in(0)
     calls = -(-instances // width)
     buffer, evaluate = function.map(calls).buffer()
-    for k, array in enumerate(given):
+    for k, array in enumerate(inputs):
         if size := function.size1_in(k) * width * calls:
             buffer.set_arg(k, memoryview(array[:size]))
-    for k, array in enumerate(found):
+    for k, array in enumerate(outputs):
         if size := function.size1_out(k) * width * calls:
             buffer.set_res(k, memoryview(array[:size]))
     return evaluate, buffer

@@ -37,13 +37,17 @@ class Variable:
     def __getitem__(self, key) -> Columns:
         rows, columns = key if isinstance(key, tuple) and len(key) == 2 else (key, None)
         if not isinstance(rows, slice) or rows != slice(None) or columns is None:
-            told = {"where": self.name, "next": "index rows inside the term"}
-            raise PageError("only whole columns x[:, k] can be picked", **told)
+            raise PageError(
+                "only whole columns x[:, k] can be picked", where=self.name,
+                next="index rows inside the term",
+            )  # fmt: skip
         try:
             picked = np.arange(self.columns)[columns]
         except IndexError as error:
-            told = {"got": str(error), "expected": f"numbers below {self.columns}"}
-            raise PageError("no such columns", where=self.name, **told) from error
+            raise PageError(
+                "no such columns", where=self.name, got=str(error),
+                expected=f"numbers below {self.columns}",
+            ) from error  # fmt: skip
         return Columns(self, np.atleast_1d(picked))
 
     @property
@@ -111,7 +115,10 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """One named cost or constraint: its function, and what each instance reads."""
+    """One named cost or constraint: its function, and what each instance reads.
+
+    per: name of the unknowns to whose columns the instances belong, one to each.
+    """
 
     name: str
     function: TermFunction
@@ -121,6 +128,7 @@ class Term:
     lower: np.ndarray | None = None  # (instances, rows), constraints only
     upper: np.ndarray | None = None
     first_row: int = 0
+    per: str | None = None
 
     @property
     def instances(self) -> int:
@@ -137,8 +145,8 @@ class Term:
 
     def evaluated(self, part: str, x, data, *weights) -> list[np.ndarray]:
         """Return what a part of the function returns, a column for every instance."""
-        given = x[self.unknowns].T, data[self.data].T, *weights
-        return self.function.evaluated(part, *given)
+        z, d = x[self.unknowns].T, data[self.data].T
+        return self.function.evaluated(part, z, d, *weights)
 
     @cached_property
     def jacobian_places(self) -> tuple[np.ndarray, np.ndarray]:
@@ -180,11 +188,16 @@ def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
     values = numbers_of(name, values, PageError)
     if values.ndim == 1 and values.size == shape[0]:
         values = values[:, None]
+    return _broadcast(values, shape, name, "wrong shape")
+
+
+def _broadcast(values, shape: tuple[int, int], name: str, what: str) -> np.ndarray:
+    """Return values as a new array of a shape; PageError, what is wrong, if not."""
     try:
-        return np.broadcast_to(values, shape).copy()
+        return np.broadcast_to(values, shape).astype(float)
     except ValueError:
-        told = {"where": name, "got": values.shape, "expected": str(shape)}
-        raise PageError("wrong shape", **told) from None
+        got, expected = np.shape(values), str(shape)
+        raise PageError(what, where=name, got=got, expected=expected) from None
 
 
 def table(values, name: str) -> np.ndarray:
@@ -211,11 +224,11 @@ def setting(values, parameter: Parameter) -> np.ndarray:
     return np.broadcast_to(values.ravel(), size)
 
 
-def known(names, declared: dict, what: str) -> None:
+def check_declared(names, declared: dict, what: str) -> None:
     """Raise PageError for the first name that is not declared."""
+    fix = "declare it in `build`"
     for name in names or ():
-        told = f"no such {what}", PageError, "", "declare it in `build`"
-        check_one_of(name, name, declared, *told)
+        check_one_of(name, name, declared, f"no such {what}", PageError, next=fix)
 
 
 def instances_of(name: str, arguments) -> int:
@@ -272,20 +285,16 @@ def _whole(argument, left):
 
 def limits_of(name: str, shape: tuple[int, int], limits: dict) -> dict:
     """Return lower and upper limits as arrays (instances, rows); PageError if wrong."""
-    found = {}
-    for which, values in limits.items():
-        try:
-            found[which] = np.broadcast_to(values, shape).astype(float)
-        except ValueError:
-            told = {"got": np.shape(values), "expected": str(shape)}
-            raise PageError("wrong shape of a limit", where=name, **told) from None
-    if found and not np.all(found["lower"] <= found["upper"]):
-        expected = "lower <= upper"
-        raise PageError("limits cross, or are NaN", where=name, expected=expected)
-    if found and np.isinf([*found.values()]).all():
+    wrong = "wrong shape of a limit"
+    arrays = {k: _broadcast(v, shape, name, wrong) for k, v in limits.items()}
+    if arrays and not np.all(arrays["lower"] <= arrays["upper"]):
+        raise PageError(
+            "limits cross, or are NaN", where=name, expected="lower <= upper"
+        )
+    if arrays and np.isinf([*arrays.values()]).all():
         raise PageError(
             "a constraint without limits", where=name, got="none",
             expected="a finite lower or upper limit",
             next="give lower=, upper= or both; lower=0, upper=0 is an equation",
         )  # fmt: skip
-    return found
+    return arrays

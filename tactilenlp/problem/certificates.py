@@ -7,12 +7,20 @@ written out once at the solution, gives the certificates of far, absent and stil
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from formulations.names import FINGER, FREE_TERM, GROUND
+import numpy as np
+
+from formulations.names import (
+    FINGER,
+    FINGER_FRICTION,
+    FREE_TERM,
+    GROUND,
+    GROUND_FRICTION,
+)
 
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
-from .reductions import Reductions
+from .reductions import REDUCTION_NAMES
 from .static_friction import rest_force
 from .unreduced import unreduced
 
@@ -36,7 +44,7 @@ class Skipped:
     holds: bool
 
     def __str__(self) -> str:
-        named = self.name in [f.name for f in fields(Reductions)]
+        named = self.name in REDUCTION_NAMES
         remedy = f' (Options(without="{self.name}") does not make it)' if named else ""
         verdict = "holds" if self.holds else f"DOES NOT HOLD{remedy}"
         return (
@@ -66,20 +74,20 @@ def certify(job, solved, rested: Skipped | None = None) -> Certificates:
 
     rested: that of the still spans, where it is known.
     """
-    made, found, cuts = job.reductions, [], ()
+    made, skipped, cuts = job.reductions, [], ()
     if made.still or made.far or made.absent:
         whole = unreduced(job, solved)
-        found += [far(solved, whole)] * made.far + [absent(whole)] * made.absent
+        skipped += [far(solved, whole)] * made.far + [absent(whole)] * made.absent
         if rested is not None:
-            found.append(rested)
+            skipped.append(rested)
         elif made.still and len(solved.window.pose) > solved.window.poses:
             force, slips = rest_force(job.scene, solved, whole)
-            found.append(still(solved, force))
-            cuts = () if found[-1].holds else slips
+            skipped.append(still(solved, force))
+            cuts = () if skipped[-1].holds else slips
     if made.planar:
-        found.append(planar_certificate(job, solved))
-    found.append(frictionless(solved))
-    return Certificates(tuple(s for s in found if s is not None), cuts)
+        skipped.append(planar_certificate(job, solved))
+    skipped.append(frictionless(solved))
+    return Certificates(tuple(s for s in skipped if s is not None), cuts)
 
 
 def far(solved, whole) -> Skipped | None:
@@ -127,15 +135,21 @@ def still(solved, value) -> Skipped:
 
 
 def frictionless(solved) -> Skipped | None:
-    """Certify dropped tangential impulses: without friction there are none."""
-    window = solved.window
-    of = {FINGER: window.push, GROUND: window.corner}
-    count = sum(2 * len(of[name]) for name in window.frictionless)
+    """Certify dropped tangential impulses: at the solution the cones allow none."""
+    solution, count, largest = solved.solution, 0, 0.0
+    values = solution.parameters | solution.values
+    for name, friction in ((FINGER, FINGER_FRICTION), (GROUND, GROUND_FRICTION)):
+        lam = solution.values.get(name, np.zeros((0, 0)))
+        if len(lam) == 1 and name in solved.window.frictionless:
+            weight = solved.problem.variables[name].scale  # [N s] over a step
+            allowed = np.multiply(values[friction], lam) / weight
+            count, largest = count + 2 * lam.size, max(largest, allowed.max())
     if not count:
         return None
     return Skipped(
         "frictionless", f"{count} tangential impulses", "friction is zero",
-        "largest that the cone would allow [weights]", 0.0, 0.0, True,
+        "largest that the cone would allow [weights]", float(largest), 0.0,
+        largest <= 0.0,
     )  # fmt: skip
 
 

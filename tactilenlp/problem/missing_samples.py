@@ -50,18 +50,18 @@ def _travels(data) -> np.ndarray:
     finger whose position is noisy moves as well.
     """
     begins = np.r_[True, data.action[1:] != data.action[:-1]]
-    lost, found = ~data.valid, np.zeros_like(data.valid)
+    missing, far = ~data.valid, np.zeros_like(data.valid)
     for f in range(data.fingers):
-        edge = np.r_[True, lost[1:, f] != lost[:-1, f]] | begins
-        bounds = np.r_[np.flatnonzero(edge), len(lost)]
+        edge = np.r_[True, missing[1:, f] != missing[:-1, f]] | begins
+        bounds = np.r_[np.flatnonzero(edge), len(missing)]
         for first, end in pairwise(bounds.tolist()):
-            if not lost[first, f]:
+            if not missing[first, f]:
                 continue
             before = first - (not begins[first])
-            after = end + (end < len(lost) and not begins[end])
+            after = end + (end < len(missing) and not begins[end])
             p = np.quantile(data.finger_position[before:after, f], (0.1, 0.9), axis=0)
-            found[first:end, f] = np.linalg.norm(p[1] - p[0]) > LONG_WAY
-    return found
+            far[first:end, f] = np.linalg.norm(p[1] - p[0]) > LONG_WAY
+    return far
 
 
 def last_felt_normal(data, sample, finger) -> np.ndarray:

@@ -78,12 +78,12 @@ def unexplained_by_action(job, solved) -> list[Evidence]:
     window, values = with_ideal_fingertips(solved), solved.solution.values
     page = page_of("quasi_static", job.shape)
     problem = replace(job, page=page).build(window)
-    known = {name: values[name] for name in problem.variables if name in values}
+    shared = {name: values[name] for name in problem.variables if name in values}
     scale = {
         TOUCH_SCALE: np.hypot(GAP_ERROR, window.sigma_position),
         NORMAL_SCALE: np.hypot(NORMAL_ERROR, window.sigma_normal),
     }
-    wrong = unexplained(problem, window, problem.pack(known), problem.data(scale))
+    wrong = unexplained(problem, window, problem.pack(shared), problem.data(scale))
     action = job.data.action[window.touch.sample]
     return [
         Evidence(

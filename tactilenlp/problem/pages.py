@@ -6,7 +6,6 @@ import importlib
 import inspect
 import re
 from contextlib import contextmanager
-from dataclasses import fields
 from functools import partial
 from types import ModuleType
 from typing import Protocol
@@ -14,7 +13,7 @@ from typing import Protocol
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
 from formulations.names import EXACT, GIVES
-from formulations.page_contract import INHERITED, contract_of
+from formulations.page_contract import INHERITED, NO_REDUCTIONS, contract_of
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from formulations.shape_fields import takes, unfit_fields
@@ -22,7 +21,7 @@ from formulations.upright import CYLINDER, prism
 
 from ..common.validation import check_one_of
 from ..errors import OptionError, PageError, did_you_mean, shortened
-from .reductions import Reductions
+from .reductions import REDUCTION_NAMES
 
 _short = partial(shortened, most=80)
 SHAPES = {
@@ -98,19 +97,23 @@ def _check_page(page) -> None:
             "a page needs a function", where="formulation.build",
             got=_short(page.build), expected="build(nlp, window, scene, shape)",
         )  # fmt: skip
-    made, known = contract_of(page).reductions, [f.name for f in fields(Reductions)]
-    if not (isinstance(made, dict) and {*made} <= {*known}):
+    made, freed = contract_of(page).reductions, contract_of(page).freed
+    if not (isinstance(made, dict) and {*made} <= {*REDUCTION_NAMES}):
         raise OptionError(
             "no such reduction", where="formulation.REDUCTIONS", got=_short(made),
-            expected=f"a dict of True or False by name, of {', '.join(known)}",
+            expected=f"a dict of bool by name, of {', '.join(REDUCTION_NAMES)}",
         )  # fmt: skip
+    allowed = *REDUCTION_NAMES, *NO_REDUCTIONS
+    for name in freed:
+        check_one_of("formulation.FREED", name, allowed, "no such assumption")
 
 
 def _module_of(formulation: str, shape) -> str:
     """Return the module of a formulation; OptionError where the shape has none."""
-    own = "or a page", "import a page of your own, and give the module"
-    told = "unknown formulation", OptionError, *own
-    check_one_of("formulation", formulation, FORMULATIONS, *told)
+    check_one_of(
+        "formulation", formulation, FORMULATIONS, "unknown formulation",
+        unit="or a page", next="import a page of your own, and give the module",
+    )  # fmt: skip
     if not shape.own_pages:
         return formulation
     if formulation not in shape.own_pages:
@@ -215,11 +218,11 @@ def _check_extension(base, terms, replace, without, parts) -> None:
                 "a term of other arguments", where="extend",
                 got=_signature(term), expected="term(nlp, window, scene, shape)",
             )  # fmt: skip
-    known = [*inspect.signature(base.build).parameters][4:]
-    if unknown := [name for name in parts if name not in known]:
+    names = [*inspect.signature(base.build).parameters][4:]
+    if unknown := [name for name in parts if name not in names]:
         raise OptionError(
             "the page's build has no such argument", where="extend",
-            got=", ".join(unknown), expected=" or ".join(known) or "none",
+            got=", ".join(unknown), expected=" or ".join(names) or "none",
         )  # fmt: skip
 
 
@@ -290,8 +293,8 @@ def _signature(function) -> str:
 @contextmanager
 def _unshared(nlp):
     """Derive the terms that are added here anew: they may depend on the window."""
-    shared, nlp.term_functions = nlp.term_functions, {}
+    shared, nlp.functions_by_name = nlp.functions_by_name, {}
     try:
         yield
     finally:
-        nlp.term_functions = shared
+        nlp.functions_by_name = shared

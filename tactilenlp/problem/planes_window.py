@@ -34,23 +34,21 @@ class Outside(Rows):
     radius: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PlanesWindow(Window):
     """A window, and which touch lies on which plane.
 
     plane: (touches,) of each touch; planes: how many; slip (n, 2): successive touches
-    of a finger; link (m, 2): their planes, where they are not one already; lower,
-    upper: (3, poses) bounds that hold the last pose.
+    of a finger; link (m, 2): their planes, where they are not one already.  The last
+    pose is held.
     """
 
-    plane: np.ndarray = None
-    planes: int = 0
-    slip: np.ndarray = None
-    link: np.ndarray = None
-    behind: Pairs = None
-    outside: Outside = None
-    lower: np.ndarray = None
-    upper: np.ndarray = None
+    plane: np.ndarray
+    planes: int
+    slip: np.ndarray
+    link: np.ndarray
+    behind: Pairs
+    outside: Outside
 
 
 def contact_points(touch, x, n) -> np.ndarray:
@@ -82,12 +80,11 @@ def planes_window(window, faces) -> PlanesWindow:
     centre = fingers_in_body(free, faces.x)
     apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)
     a, f = np.nonzero(apart < free.radius + FREE_REACH)
-    lower, upper = window.holding(faces.x, [-1])
     return PlanesWindow(
-        **vars(window), plane=plane, planes=len(faces.b), slip=slip, link=link,
+        **vars(window.holding(faces.x, [-1])),
+        plane=plane, planes=len(faces.b), slip=slip, link=link,
         behind=Pairs(i[other], j[other]),
         outside=Outside(ends[a], free.pose[f], free.p_wf[f], free.radius[f]),
-        lower=lower, upper=upper,
     )  # fmt: skip
 
 
@@ -96,9 +93,8 @@ def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
     past, touch = x.shape[1], window.touch
     new, first = touch.sample >= past, window.pose[past]
     behind, outside = window.behind, window.outside
-    lower, upper = window.holding(x, slice(first))
     return replace(
-        window, lower=lower, upper=upper,
+        window.holding(x, slice(first)),
         slip=window.slip[new[window.slip].any(axis=1)],
         link=window.link[(window.link >= planes).any(axis=1)],
         behind=behind.pick(new[behind.touch] | (behind.plane >= planes)),

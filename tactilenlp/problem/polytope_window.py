@@ -28,7 +28,7 @@ RIGID_SHARE = 1e-3  # [-] of the largest move of legs with a pose: less is no mo
 DEPTH_WEIGHT = 3.0  # [-] lengths along the surface that one length below it counts for
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PolytopeWindow(Window):
     """A window, where the vertices start and which of them each contact reads.
 
@@ -38,26 +38,24 @@ class PolytopeWindow(Window):
     resting (rests,): of each rest; grounded (k,): on the ground at the last pose, the
     legs in planar motion; floor [m]: no vertex is lower at the last pose; triangles
     (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,): volume,
-    centroid and second moments; lower, upper (unknowns, poses): the last pose is held;
-    past (V, 3) [m], information (3 V, 3 V): of one action, vertices before it.
+    centroid and second moments; past (V, 3) [m], information (3 V, 3 V): of one action,
+    vertices before it, None of all actions.  The last pose is held.
     """
 
-    start: np.ndarray = None
-    near_touch: np.ndarray = None
-    near_free: np.ndarray = None
-    near_push: np.ndarray = None
-    legs: np.ndarray = None
-    leg: np.ndarray = None
-    weight_share: np.ndarray = None
-    resting: np.ndarray = None
-    grounded: np.ndarray = None
-    floor: float = 0.0
-    triangles: np.ndarray = None
-    body: np.ndarray = None
-    lower: np.ndarray = None
-    upper: np.ndarray = None
-    past: np.ndarray = None
-    information: np.ndarray = None
+    start: np.ndarray
+    near_touch: np.ndarray
+    near_free: np.ndarray
+    near_push: np.ndarray
+    legs: np.ndarray
+    leg: np.ndarray
+    weight_share: np.ndarray
+    resting: np.ndarray
+    grounded: np.ndarray
+    floor: float
+    triangles: np.ndarray
+    body: np.ndarray
+    past: np.ndarray | None = None
+    information: np.ndarray | None = None
 
     def of_action(self, past, about) -> PolytopeWindow:
         """Return the window of what comes after the samples of a past.
@@ -66,13 +64,12 @@ class PolytopeWindow(Window):
         its vertices.
         """
         samples = past.x.shape[1]
-        lower, upper = self.holding(past.x, slice(self.pose[samples]))
         touch, free = self.touch.since(samples), self.free.since(samples)
         first, push = self.step.since(samples).start, self.push.since(samples)
         stands = self.corner.step >= first
         corner = self.corner.pick(stands)
         return replace(
-            self, lower=lower, upper=upper,
+            self.holding(past.x, slice(self.pose[samples])),
             touch=self.touch.pick(touch), near_touch=self.near_touch[touch],
             free=self.free.pick(free), near_free=self.near_free[free],
             near_push=self.near_push[push],
@@ -82,7 +79,7 @@ class PolytopeWindow(Window):
             **self.of_later_steps(samples),
         )  # fmt: skip
 
-    def followed(self, rows, slopes) -> np.ndarray:
+    def rigid_moves(self, rows, slopes) -> np.ndarray:
         """Return what moves of vertices that can lift do, as far as a pose has them.
 
         Four legs that move apart would bend the body, which all its poses share: what
@@ -113,7 +110,6 @@ def polytope_window(window, vertices, x, ground, resting) -> PolytopeWindow:
     ground: whether there is one; resting: the vertices (V, 3) as which it carries its
     weight.
     """
-    lower, upper = window.holding(x, [-1])
     triangles = triangles_of(vertices, 2 * len(vertices) - 4)
     stand = np.array(window.shape.corners, int)[:, 0]
     share = np.zeros(len(vertices))
@@ -126,7 +122,7 @@ def polytope_window(window, vertices, x, ground, resting) -> PolytopeWindow:
         at = window.step.sample[window.corner.step]
         share *= vertex_heights(vertices, x)[at, leg] < LIFTED
     return PolytopeWindow(
-        **vars(window), start=vertices,
+        **vars(window.holding(x, [-1])), start=vertices,
         near_touch=vertices_near(window.touch, vertices, x),
         near_free=vertices_near(window.free, vertices, x),
         near_push=vertices_near(window.push, vertices, x),
@@ -134,7 +130,6 @@ def polytope_window(window, vertices, x, ground, resting) -> PolytopeWindow:
         grounded=stand if ground and is_planar(x) else stand[:0],
         floor=(0.0 if is_planar(x) else -x[2, -1]) if ground else -np.inf,
         triangles=triangles, body=hull_moments(vertices, triangles),
-        lower=lower, upper=upper,
     )  # fmt: skip
 
 
@@ -223,8 +218,8 @@ def support_shares(legs, centroid) -> np.ndarray:
     n, arms = len(legs), (legs - centroid)[:, :2].T
     arms = arms / np.abs(arms).max()
     rows = np.vstack([arms, EQUAL_WEIGHT * np.eye(n), np.full(n, SUM_WEIGHT)])
-    found, _ = nnls(rows, np.r_[0, 0, np.full(n, EQUAL_WEIGHT / n), SUM_WEIGHT])
-    return found / found.sum()
+    shares, _ = nnls(rows, np.r_[0, 0, np.full(n, EQUAL_WEIGHT / n), SUM_WEIGHT])
+    return shares / shares.sum()
 
 
 def hull_moments(vertices, triangles) -> np.ndarray:
@@ -258,8 +253,9 @@ def window_of(job, guess=None, resting=None) -> Window:
     if near_start:
         vertices = np.reshape(guess[0], (-1, 3))
         shape = with_supports(shape, vertices)
-    known = job.scene, shape, job.precision, job.reductions
-    window = reduce(job.data, *known, guess=guess, cuts=job.cuts)
+    window = reduce(
+        job.data, job.scene, shape, job.precision, job.reductions, guess, job.cuts
+    )
     if not near_start:
         return window
     x = guess[1]

@@ -24,7 +24,7 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
 from ..data.contact_segments import REPEATED, intervals, rate_of
-from ..data.sensor_noise import contact_latency
+from ..data.sensor_noise import late_gap
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
 from .missing_samples import last_felt_normal, possible_contact, unseen_contact
@@ -58,7 +58,7 @@ class Reductions:
         """Read True, False, a Reductions, or the names of those to switch off."""
         if isinstance(choice, cls):
             return choice
-        names = [f.name for f in fields(cls)]
+        names = [*REDUCTION_NAMES]
         if isinstance(choice, bool):
             return cls(**dict.fromkeys(names, choice))
         many = isinstance(choice, (tuple, list, set, frozenset))
@@ -70,6 +70,9 @@ class Reductions:
                 next=did_you_mean(unknown[0], names),
             )  # fmt: skip
         return cls(**{name: name not in off for name in names})
+
+
+REDUCTION_NAMES = tuple(f.name for f in fields(Reductions))
 
 
 def required_reductions(page, reductions: Reductions) -> Reductions:
@@ -130,7 +133,7 @@ def _samples(data, p_wf, pose, chosen) -> Samples:
     return Samples(
         sample, finger, pose[sample], p_wf[sample, finger],
         data.finger_radius[finger], data.normal[sample, finger],
-        contact_latency(data)[sample, finger],
+        late_gap(data)[sample, finger],
     )  # fmt: skip
 
 
@@ -198,10 +201,10 @@ def _samples_in_reach(samples, scene, shape, guess, precision) -> Samples:
 
 def _steps(data, scene, pose, first, before, moving) -> Steps:
     """Return the steps that end at moving samples; an action starts at rest."""
-    known = moving & ~first
+    ends_step = moving & ~first
     if coasts(scene):  # its speed at the start of a later action is unknown
-        known &= ~first[before] | (data.action == data.action[0])
-    samples = np.nonzero(known)[0]
+        ends_step &= ~first[before] | (data.action == data.action[0])
+    samples = np.nonzero(ends_step)[0]
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]

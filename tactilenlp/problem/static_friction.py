@@ -57,8 +57,8 @@ def rest_force(scene, solved, whole) -> tuple[float, tuple[int, ...]]:
     cuts = tuple(int(rows[-1]) + 1 for _, rows, _ in slips)
     if scene.ground is not None or not slips:
         return (0.0 if scene.ground is None else share), cuts
-    force, moved, directions = zip(*slips, strict=True)
-    curvature = _curvatures(whole, along, moved, directions)
+    force, rows, directions = zip(*slips, strict=True)
+    curvature = _curvatures(whole, along, rows, directions)
     return float(slip_gains(np.array(force) - friction, curvature).sum()), cuts
 
 
@@ -80,20 +80,20 @@ def slip_gains(excess, curvature) -> np.ndarray:
     return slip * (excess - curvature * slip / 2)
 
 
-def _curvatures(whole, along, moved, directions) -> np.ndarray:
+def _curvatures(whole, along, slipping, directions) -> np.ndarray:
     """Return the curvatures (n,) [nats / m^2] of the costs along slips.
 
-    along (T, 3, u): see _along; moved: the samples (n,) that move with each slip;
+    along (T, 3, u): see _along; slipping: the samples (n,) that move with each slip;
     directions (n, 3): of each, along the ground, and a turn per way.
     """
     v, pose = whole.problem.variables["x"], whole.window.pose
     D = np.zeros((whole.problem.size, len(directions)))
-    for d, rows, direction in zip(D.T, moved, directions, strict=True):
+    for d, rows, direction in zip(D.T, slipping, directions, strict=True):
         at = np.unique(pose[rows])
         step = np.einsum("i,tij->tj", direction, along[at])
         d[(v.span.start + v.rows * at)[:, None] + np.arange(v.rows)] = step
-    given = whole.x, whole.data
-    H = sum(whole.problem.hessian(name, *given) for name in whole.problem.costs)
+    problem, x, data = whole.problem, whole.x, whole.data
+    H = sum(problem.hessian(name, x, data) for name in problem.costs)
     return np.einsum("ij,ij->j", D, H @ D)
 
 
@@ -120,7 +120,7 @@ def _static_friction(scene, solution) -> float:
     It is that of violation_implicit whatever page was solved, also one without
     dissipation; the page's own weight `kappa` and coefficient come first.
     """
-    known = {"kappa": WORK_COST, GROUND_FRICTION: friction_of(scene)}
-    known |= solution.parameters | solution.values
-    kappa, mu = (float(np.ravel(known[k])[0]) for k in ("kappa", GROUND_FRICTION))
+    values = {"kappa": WORK_COST, GROUND_FRICTION: friction_of(scene)}
+    values |= solution.parameters | solution.values
+    kappa, mu = (float(np.ravel(values[k])[0]) for k in ("kappa", GROUND_FRICTION))
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)

@@ -46,8 +46,8 @@ class UnreducedProblem:
     @property
     def whole_slope(self) -> np.ndarray:
         """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
-        named = self.multipliers, self.multipliers
-        return self.slope + gradient(self.problem, self.x, self.data, *named)
+        lam = self.multipliers
+        return self.slope + gradient(self.problem, self.x, self.data, lam, weights=lam)
 
 
 def unreduced(job, solved) -> UnreducedProblem:
@@ -59,7 +59,7 @@ def unreduced(job, solved) -> UnreducedProblem:
     problem = job.build(again)
     values, _, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))
-    unfelt = rows_of(samples_of(window.push), samples_of(again.push))
+    unfelt = matching_contacts(window, again)[FINGER]
     return UnreducedProblem(
         window=again, problem=problem, x=problem.pack(values),
         data=problem.data(solution.parameters), multipliers=multipliers,
@@ -73,11 +73,7 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
     again: the window of `problem`, of the same data as that of `solved`.
     """
     window, solution = solved.window, solved.solution
-    came_from = {
-        "x": window.pose[again.last],
-        FINGER: rows_of(samples_of(window.push), samples_of(again.push)),
-        GROUND: rows_of(corners_of(window), corners_of(again)),
-    }
+    came_from = {"x": window.pose[again.last], **matching_contacts(window, again)}
     values, bounds, multipliers = {}, {}, {}
     for name, v in problem.variables.items():
         if name not in solution.values:  # what was fixed before
@@ -88,7 +84,7 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
         old = solution.bound_multipliers[name]
         bounds[name] = _columns(old, source, np.zeros(v.guess.shape))
     for name, term in problem.constraints.items():
-        source = came_from.get(name.split()[0], np.arange(term.instances))
+        source = came_from.get(term.per, np.arange(term.instances))
         old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))
         none = np.zeros((term.function.rows, term.instances))
         multipliers[name] = _columns(old.T, source, none).T
@@ -97,9 +93,9 @@ def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
 
 def _columns(old, source, otherwise) -> np.ndarray:
     """Return columns `source` of `old`, those of `otherwise` where there is none."""
-    known = (source >= 0) & (source < old.shape[1])
+    kept = (source >= 0) & (source < old.shape[1])
     out = otherwise.copy()
-    out[:, known] = old[:, source[known]]
+    out[:, kept] = old[:, source[kept]]
     return out
 
 
@@ -113,6 +109,14 @@ def corners_of(window) -> list[tuple[int, int]]:
     steps = window.step.sample[window.corner.step].tolist()
     width = max(1, len(window.corner) // max(1, len(window.step)))
     return [(s, i % width) for i, s in enumerate(steps)]
+
+
+def matching_contacts(old, new) -> dict[str, np.ndarray]:
+    """Return where in a window each contact of another one is, or -1, by impulses."""
+    return {
+        FINGER: rows_of(samples_of(old.push), samples_of(new.push)),
+        GROUND: rows_of(corners_of(old), corners_of(new)),
+    }
 
 
 def rows_of(old, new) -> np.ndarray:

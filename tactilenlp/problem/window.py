@@ -6,6 +6,7 @@ pose unknowns x: all samples of a still span share one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,8 +36,8 @@ class Rows:
 @dataclass(frozen=True, eq=False)
 class Samples(Rows):
     """Finger samples: index of the pose, where the finger is, p_wf (as in
-    formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and contact
-    latency: how far [m] it may have moved since it last felt the contact.
+    formulations/finger.py: (3,) [m] for a sphere), its radius [m], normal, and late_gap
+    [m]: the gap that there may be where a contact is felt late.
     """
 
     sample: np.ndarray
@@ -45,7 +46,7 @@ class Samples(Rows):
     p_wf: np.ndarray
     radius: np.ndarray
     normal: np.ndarray
-    latency: np.ndarray
+    late_gap: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +122,8 @@ class Window:
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
     compliant: whether fingertips yield under load; central: whether the centre of mass
-    is the centroid; aligned: whether the normals of a finger are not turned.
+    is the centroid; aligned: whether the normals of a finger are not turned;
+    lower, upper: bounds of the poses x (unknowns, poses), equal where one is held.
     """
 
     shape: Shape
@@ -149,6 +151,8 @@ class Window:
     compliant: bool = False
     central: bool = True
     aligned: bool = True
+    lower: np.ndarray | float = -np.inf
+    upper: np.ndarray | float = np.inf
 
     @property
     def groups(self) -> dict[int, Group]:
@@ -244,13 +248,27 @@ class Window:
             "unseen": self.unseen[self.unseen >= push.start] - push.start,
         }  # fmt: skip
 
-    def holding(self, x, poses) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (unknowns, poses) that hold some poses of x (unknowns, T)."""
+    def holding(self, x, poses) -> Window:
+        """Return the window whose bounds hold some poses of x (unknowns, T)."""
         lower, upper = np.full((2, len(x), self.poses), [[[-np.inf]], [[np.inf]]])
         lower[:, poses] = upper[:, poses] = x[:, self.last[poses]]
-        return lower, upper
+        return replace(self, lower=lower, upper=upper)
 
-    def followed(self, rows, slopes) -> np.ndarray:
+    def with_fingers(self, change: Callable) -> Window:
+        """Return the window with every finger at change(rows, p_wf), not at p_wf.
+
+        rows: the Samples or Pushes of which p_wf (n, numbers) are the places.
+        """
+
+        def changed(rows, *names):
+            return replace(rows, **{n: change(rows, getattr(rows, n)) for n in names})
+
+        return replace(
+            self, touch=changed(self.touch, "p_wf"), free=changed(self.free, "p_wf"),
+            push=changed(self.push, "p_wf", "p_wf_1"),
+        )  # fmt: skip
+
+    def rigid_moves(self, rows, slopes) -> np.ndarray:
         """Return what moves of corners that can lift (corners, k) do to a rigid body.
 
         rows (corners, k): what a move of each alone does; slopes: of the corners'

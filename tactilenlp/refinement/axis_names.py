@@ -113,6 +113,8 @@ def _renamed(shape, solved, order, S) -> Solved:
     Ground contacts are listed by corner, the same ones at each step.
     """
     s, corners = solved.solution, np.array(shape.corners)
+    terms = solved.problem.constraints.values()
+    of_ground = {term.name for term in terms if term.per == GROUND}
     places = [int(np.argmax(corners @ (S @ c))) for c in corners]
     rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
     rows = rows[:, places].ravel()
@@ -123,7 +125,7 @@ def _renamed(shape, solved, order, S) -> Solved:
         return values | ground | centre | {"theta": values["theta"][order]}
 
     multipliers = {
-        name: old[rows] if name.startswith(GROUND) and len(old) == len(rows) else old
+        name: old[rows] if name in of_ground else old
         for name, old in s.multipliers.items()
     }
     solution = replace(

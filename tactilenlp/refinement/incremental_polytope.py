@@ -14,17 +14,15 @@ import numpy as np
 from scipy.optimize import nnls
 
 from formulations import polytope_extension as extension
-from formulations.implicit import noting_roots
-from formulations.names import BALL, FINGER, GROUND, TOUCH_TERM
+from formulations.names import BALL, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..nlp.problem import Problem
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
 from ..problem.reductions import Reductions, coasts
-from ..problem.unreduced import corners_of, rows_of, samples_of
+from ..problem.unreduced import matching_contacts
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import continued, warm_started
@@ -175,11 +173,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build_pushed, extension.PUSHED),
     ):
         window = window_of(job, (h.theta, h.x)).of_action(past.at, about)
-        problem = Problem(
-            term_functions=past.problem.term_functions, deadline=job.deadline,
-            noting=noting_roots,
-        )  # fmt: skip
-        build(problem, window, job.scene, window.shape)
+        problem = job.build(window, fill=build)
         start = {
             k: v for k, v in past.solution.values.items()
             if v.size == 1 and k in problem.variables
@@ -203,10 +197,7 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
         values[BALL][:3] = turn @ values[BALL][:3]
         values["theta"], values["x"] = h.theta.reshape(-1, 3).T, h.x[:, window.last]
         values["body"] = window.body[:, None]
-        pushes = samples_of(last.window.push), samples_of(window.push)
-        corners = corners_of(last.window), corners_of(window)
-        for name, keys in ((FINGER, pushes), (GROUND, corners)):
-            row = rows_of(*keys)
+        for name, row in matching_contacts(last.window, window).items():
             values[name][:, row >= 0] = last.solution.values[name][:, row[row >= 0]]
         return solution
 
@@ -242,9 +233,11 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     corner = Corners(
         np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
     )
+    terms = solved.problem.constraints.values()
+    of_ground = {term.name for term in terms if term.per == GROUND}
+    others = {k: m for k, m in s.multipliers.items() if k not in of_ground}
     solution = replace(
-        s, values=s.values | {GROUND: moved},
-        multipliers={k: m for k, m in s.multipliers.items() if k != "ground cone"},
+        s, values=s.values | {GROUND: moved}, multipliers=others,
         bound_multipliers=s.bound_multipliers | {GROUND: 0 * moved},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)

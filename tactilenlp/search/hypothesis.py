@@ -23,6 +23,7 @@ from ..data.sensor_noise import latency_cost, with_fingers_earlier
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
+from ..nlp.term_functions import TermFunctionCache, default_cache
 from ..tracking.surface import supports, trajectory_outline
 from ..tracking.tracks import diverse
 
@@ -81,14 +82,14 @@ class Hypothesis:
         return replace(self, x=self.x[:, :samples])
 
 
-class TermFunctions(dict):
+class FunctionsByPage(dict):
     """Derived term functions by page and motion; mutable, shared by related solves.
 
     Pickled, it is empty: derived functions stay in the process that derived them.
     """
 
     def __reduce__(self):
-        return TermFunctions, ()
+        return FunctionsByPage, ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,7 @@ class Job:
     page: object
     options: object
     deadline: Deadline
-    functions: TermFunctions
+    functions: FunctionsByPage
     first: tuple = ()
     cuts: tuple = ()
     process_noise: float = 1.0
@@ -153,23 +154,28 @@ class Job:
         """The priors of what was estimated before a solve: tilt, latency [nats]."""
         return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
 
-    def build(self, window, scene=None) -> Problem:
-        """Return the problem that the page poses of a window; scene: another one.
+    def build(self, window, scene=None, fill=None, solved=True) -> Problem:
+        """Return the problem that the page poses of a window.
+
+        scene: another one; fill: the `build` of a page with the same terms; solved:
+        False of what is only evaluated, which needs no derivatives.
 
         Problems of this scene share term functions where these depend on page, shape,
         scene and motion, not on what else a window holds: a page states so by ALIKE.
         """
         scene, shared = self.scene if scene is None else scene, {}
-        if scene is self.scene and self.contract.alike:
+        cache = default_cache() if solved else TermFunctionCache(derive=False)
+        if scene is self.scene and self.contract.alike and solved:
             key = (
                 *(self.page, window.motion, window.frictionless),
                 *(window.compliant, window.central, window.aligned),
             )
             shared = self.functions.setdefault(key, {})
         problem = Problem(
-            term_functions=shared, deadline=self.deadline, noting=noting_roots
-        )
-        self.page.build(problem, window, scene, window.shape)
+            functions_by_name=shared, cache=cache, deadline=self.deadline,
+            noting=noting_roots,
+        )  # fmt: skip
+        (fill or self.page.build)(problem, window, scene, window.shape)
         return problem
 
 

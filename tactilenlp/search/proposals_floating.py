@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..data.scene import Ground
 from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import backward, continuous, matrices
-from .hypothesis import TermFunctions
+from .hypothesis import FunctionsByPage
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
 PLANE_TILT = 0.2  # [rad] of a body out of the plane, and of a normal with it
@@ -53,9 +53,9 @@ def in_search_plane(job, ground: Ground):
     """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
     if not job.shape.tracked:
-        return replace(job, data=data, functions=TermFunctions())
+        return replace(job, data=data, functions=FunctionsByPage())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
-    return replace(job, data=data, scene=scene, functions=TermFunctions())
+    return replace(job, data=data, scene=scene, functions=FunctionsByPage())
 
 
 def with_tilted_normals(job):

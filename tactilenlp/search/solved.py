@@ -80,8 +80,7 @@ class BuiltPage:
         settings = settings or settings_of(job)
         solution = solve_levels(self.problem, levels, start, settings, self.solvers)
         solution = solution if before is None else after(before, solution)
-        solution.seconds["build"] += self.seconds
-        self.seconds = 0.0
+        solution, self.seconds = solution.with_build(self.seconds), 0.0
         return Solved(hypothesis or self.origin, self, solution, job)
 
 

@@ -62,8 +62,8 @@ class CondensedKkt:
         many = read_by_many(np.bincount(np.r_[self._rows, self._columns]))
         border = many & (np.count_nonzero(many) >= LEAST_BORDER)
         border[n:] = border[tied] = True
-        given = self._rows, self._columns, border, whole - n
-        self._ldl, self.size = BorderedLdl(*given), len(places)
+        self._ldl = BorderedLdl(self._rows, self._columns, border, negative=whole - n)
+        self.size = len(places)
 
     def times(self, jacobian: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return J x, (m,); jacobian (k,): nonzeros of J."""
@@ -114,8 +114,8 @@ class CondensedKkt:
 
     def solve(self, of_x: np.ndarray, of_h: np.ndarray) -> tuple:
         """Return dx, dv for the right-hand sides of x and of the equations."""
-        found = self._ldl.solve(np.concatenate((of_x, of_h)))
-        return found[: len(of_x)], found[len(of_x) :]
+        step = self._ldl.solve(np.concatenate((of_x, of_h)))
+        return step[: len(of_x)], step[len(of_x) :]
 
 
 def _pairs_of_a_row(rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -57,8 +57,8 @@ class InteriorPoint:
             return run, run.minimise()
         except Stuck:
             settings = replace(self._settings, mu_init=SECOND_MU)
-            given = {k: v for k, v in inputs.items() if not k.endswith("0")}
-            again = Run(*self._programme, settings, x0=run.at.w[: run.n], **given)
+            limits = {k: v for k, v in inputs.items() if not k.endswith("0")}
+            again = Run(*self._programme, settings, x0=run.at.w[: run.n], **limits)
             again.continue_counts(run)
             return again, again.minimise()
 

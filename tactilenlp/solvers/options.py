@@ -62,8 +62,8 @@ def has_library(name: str) -> bool:
 
 def check_positive(options, *names: str) -> None:
     """Raise OptionError unless the named fields are positive numbers."""
-    given = {name: (getattr(options, name), 0, math.inf) for name in names}
-    check_numbers("a positive number", **given)
+    limits = {name: (getattr(options, name), 0, math.inf) for name in names}
+    check_numbers("a positive number", **limits)
 
 
 @typed_call()
@@ -89,14 +89,14 @@ class SolverOptions:
         check_ipopt(self.ipopt)
         check_types(deadline=(self.deadline, Deadline))
         check_types(iterations=(self.iterations, (int, np.integer, type(None))))
-        given = [n for n in ("iterations", "barrier") if getattr(self, n) is not None]
-        check_positive(self, "tolerance", "time_limit", "push", *given)
+        chosen = [n for n in ("iterations", "barrier") if getattr(self, n) is not None]
+        check_positive(self, "tolerance", "time_limit", "push", *chosen)
 
     @property
     def chosen(self) -> dict:
         """What was given in place of a level's own, under IPOPT's names."""
-        mine = {"max_iter": self.iterations, "mu_init": self.barrier}
-        return {name: value for name, value in mine.items() if value is not None}
+        options = {"max_iter": self.iterations, "mu_init": self.barrier}
+        return {name: value for name, value in options.items() if value is not None}
 
     def named(self, warm: bool) -> dict:
         """Return the fields under IPOPT's names; warm: start with multipliers too."""

@@ -108,9 +108,9 @@ class Run:
         y, jacobian, kkt = slope[self.n :].copy(), self.at.jacobian, self.kkt
         slope = slope[: self.n] + self.at.gradient + kkt.transposed_times(jacobian, y)
         slope[self.fixed] = 0.0
-        found = kkt.least_squares(jacobian, slope, self.left_out)
-        if _largest(found) <= LARGEST_MULTIPLIER:
-            y[self.equal] = found
+        y_equal = kkt.least_squares(jacobian, slope, self.left_out)
+        if _largest(y_equal) <= LARGEST_MULTIPLIER:
+            y[self.equal] = y_equal
         return y
 
     # -- where to stop ----------------------------------------------------------------
@@ -190,8 +190,10 @@ class Run:
         at, kkt, n = self.at, self.kkt, self.n
         weights = self._spread(self.z_lo / at.below, self.z_hi / at.above)
         hessian = self.assembly.second(at.w[:n], self.data, 1.0, self.y)
-        given = hessian, at.jacobian, weights[:n], weights[n:], self.left_out
-        matrix, unit, delta = kkt.matrix(*given), None, 0.0
+        matrix = kkt.matrix(
+            hessian, at.jacobian, weights[:n], weights[n:], self.left_out
+        )
+        unit, delta = None, 0.0
         while not kkt.factorise(matrix if unit is None else matrix + delta * unit):
             delta = self._next_damping(delta)
             unit = kkt.unit(at.jacobian, self.left_out) if unit is None else unit

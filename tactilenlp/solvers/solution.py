@@ -72,18 +72,23 @@ class Solution:
         """Return all unknowns and all data of a problem, as vectors, SI."""
         return problem.pack(self.values), problem.data(self.parameters)
 
+    def with_build(self, seconds: float) -> Solution:
+        """Return the solution with so much more time [s] to build its problem."""
+        total = self.seconds["build"] + seconds
+        return replace(self, seconds=self.seconds | {"build": total})
+
 
 def recomputed(
-    problem, x, data, found, lam_g, lam_x, stats, seconds, bounds=None
+    problem, x, data, terms, lam_g, lam_x, stats, seconds, bounds=None
 ) -> Solution:
-    """Return the solution at x; found: the value of every term there.
+    """Return the solution at x; terms: the value of each at every instance.
 
     bounds: lower and upper ones of x (unknowns,), SI, where it was solved.
     """
-    costs = {name: float(found[name].sum()) for name in problem.costs}
+    costs = {name: float(terms[name].sum()) for name in problem.costs}
     violations, multipliers = {}, {}
     for name, term in problem.constraints.items():
-        value = found[name]
+        value = terms[name]
         beyond = np.maximum(term.lower - value, value - term.upper)
         violations[name] = float(np.maximum(0.0, beyond.max()))  # NaN stays
         multipliers[name] = lam_g[term.span].reshape(value.shape)
@@ -159,10 +164,10 @@ def evaluated(problem, values: dict, parameters: dict | None = None) -> Solution
     x, data = problem.pack(values), problem.data(parameters)
     stats = {"iter_count": 0, "success": False, "return_status": TIME_EXCEEDED}
     stats["solver"] = ""
-    found = {name: problem.value(name, x, data) for name in problem.terms}
+    terms = {name: problem.value(name, x, data) for name in problem.terms}
     none = np.zeros(problem.rows), np.zeros(problem.size)
     seconds = {"build": 0.0, "solve": 0.0}
-    return recomputed(problem, x, data, found, *none, stats, seconds)
+    return recomputed(problem, x, data, terms, *none, stats, seconds)
 
 
 def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:
@@ -173,9 +178,9 @@ def _joined(first: dict, then: dict, levels: int) -> dict[str, np.ndarray]:
 
 def _progress(stats: dict) -> dict[str, np.ndarray]:
     """Return what IPOPT says of each iteration; without any, empty arrays."""
-    said = stats.get("iterations") or {}
-    found = {name: np.array(said.get(key, []), float) for name, key in PROGRESS.items()}
-    return {"level": np.zeros(len(found["objective"]), int), **found}
+    rows = stats.get("iterations") or {}
+    by_name = {n: np.array(rows.get(key, []), float) for n, key in PROGRESS.items()}
+    return {"level": np.zeros(len(by_name["objective"]), int), **by_name}
 
 
 def check_finite(problem: Problem, solution: Solution) -> None:

@@ -14,7 +14,7 @@ from ..common.interrupt import interruptible
 from ..common.validation import check_types
 from ..errors import OptionError, shortened
 from ..nlp.problem import Problem
-from ..nlp.terms import known
+from ..nlp.terms import check_declared
 from .condensed_kkt import CondensedKkt
 from .interior_point import InteriorPoint
 from .options import MIN_SOLVE_TIME, NAMES, Settings, SolverOptions
@@ -37,7 +37,8 @@ class Solvers:
 
         Functions and patterns take seconds of a large problem: they are made first.
         """
-        programme = self.problem.programme(eliminate)
+        problem = self.problem
+        programme = problem.eliminated if eliminate else problem.assembly
         ours = not eliminate and set(options.ipopt) <= NAMES
         kkt = self.condensed if ours else None
         options.deadline.check()
@@ -124,10 +125,10 @@ def solve(
     check_types(options=(options, (SolverOptions, type(None))))
     warm = start if isinstance(start, Solution) else None
     began = time.process_time()
-    programme = problem.programme(eliminate)
+    programme = problem.eliminated if eliminate else problem.assembly
     if solver is None:
-        given = options or SolverOptions(), eliminate, warm is not None
-        solver = Solvers(problem).kept(*given)
+        options = options or SolverOptions()
+        solver = Solvers(problem).kept(options, eliminate, warm is not None)
     built = time.process_time() - began
     data = problem.data(parameters)
     x, *bounds = _start(problem, (warm.values if warm else start) or {}, fixed)
@@ -136,8 +137,10 @@ def solve(
         out = solver(p=data, **_inputs(problem, programme, x, bounds, warm))
     x, *multipliers = _outputs(problem, programme, out, x, data, bounds)
     seconds = {"build": built, "solve": time.process_time() - began}
-    found = problem.assembly.values(x / problem.scale, data), *multipliers
-    solution = recomputed(problem, x, data, *found, solver.stats(), seconds, bounds)
+    terms = problem.assembly.values(x / problem.scale, data)
+    solution = recomputed(
+        problem, x, data, terms, *multipliers, solver.stats(), seconds, bounds
+    )
     log.debug("%s after %d iterations", solution.status, solution.iterations)
     if throw and not solution.success:
         raise not_converged(problem, solution)
@@ -194,7 +197,7 @@ def _bound_multipliers(programme, out, data, fixed) -> np.ndarray:
 def _start(problem, values, fixed):
     """Return a start within the bounds, and the bounds, equal where x is fixed."""
     names = [name for name in fixed if isinstance(name, str)]
-    known(names, problem.variables, "variable")
+    check_declared(names, problem.variables, "variable")
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     x = np.clip(problem.pack(values), lower, upper)
     for held in fixed:
@@ -255,7 +258,7 @@ def _at(solvers: Solvers, level, ipopt, warm, start, options) -> Solution:
     built = time.process_time() - began
     if not warm and isinstance(start, Solution):
         start = start.values
-    solution = solve(
+    return solve(
         solvers.problem,
         start=start,
         parameters=level.parameters,
@@ -263,6 +266,4 @@ def _at(solvers: Solvers, level, ipopt, warm, start, options) -> Solution:
         throw=False,
         solver=solver,
         eliminate=level.eliminate,
-    )
-    solution.seconds["build"] += built
-    return solution
+    ).with_build(built)

@@ -98,8 +98,8 @@ class _Casadi:
 
     def solve(self, right) -> np.ndarray:
         """Return the solution of right-hand sides (n,) or (n, k)."""
-        found = self._linear.solve(self._matrix, ca.DM(right))
-        return np.asarray(found).reshape(right.shape)
+        x = self._linear.solve(self._matrix, ca.DM(right))
+        return np.asarray(x).reshape(right.shape)
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:
