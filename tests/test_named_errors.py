@@ -123,7 +123,9 @@ def test_squares_of_a_poor_fit_add_up_to_those_of_sigma(recorded, shape):
     off = data.finger_position.copy()
     off[data.action == 1, 0] += [0.0, 0.0, 0.02]
     wrong = replace(data, finger_position=off)
-    lean = Options(check_mistakes=False, hypotheses=1, starts=1, rivals=False)
+    lean = Options(
+        check_mistakes=False, hypotheses=1, starts=1, profile_likelihood=False
+    )
     poor = solve_estimate(wrong, scene, shape=shape, options=lean, throw=False)
     assert poor.fit.widening > 1
     check_budget(poor.information)

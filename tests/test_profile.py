@@ -185,7 +185,7 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     solution = SimpleNamespace(success=True)
     deadline = SimpleNamespace(passed=lambda _: False)
     job = SimpleNamespace(
-        options=SimpleNamespace(rivals=True), deadline=deadline,
+        options=SimpleNamespace(profile_likelihood=True), deadline=deadline,
         page=SimpleNamespace(LEVELS=(None,)),
     )  # fmt: skip
     certificates = SimpleNamespace(broken=())

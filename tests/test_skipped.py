@@ -27,7 +27,7 @@ def test_every_reduction_can_be_switched_off_alone(touched):
     solved = replace(solved_from(job(Options()), h), declined=(DECLINED,))
     reduced = certified(solved).solution
     for name in ("still", "far", "absent"):
-        fewer = job(Options(reduce=[name]))
+        fewer = job(Options(without=[name]))
         # From the same optimum: from afar, solves end a fifth of a nat apart.
         full = certified(warm_started(fewer, solved))
         assert DECLINED in full.skipped
@@ -42,7 +42,7 @@ def test_every_reduction_can_be_switched_off_alone(touched):
 
 @pytest.mark.slow
 def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
-    options = Options(reduce="planar")
+    options = Options(without="planar")
     free = solve_estimate(estimate.measurements, recorded[1], options=options)
     assert len(free.unknowns["x"]) == 6
     assert free.objective == pytest.approx(estimate.objective, abs=0.1)
@@ -65,7 +65,7 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     estimate, monkeypatch
 ):
     data, scene, merged = estimate.measurements, estimate.scene, estimate
-    apart = solve_estimate(data, scene, options=Options(reduce="still"))
+    apart = solve_estimate(data, scene, options=Options(without="still"))
     still = next(s for s in merged.skipped if s.name == "still")
     assert 0 < still.value <= 1
     assert still.holds

@@ -61,7 +61,7 @@ def read_off(
         scene=job.scene,
         shape=job.shape.name,
         formulation=name_of(job.page),
-        options=_plain(request.job.options),
+        options=asdict(request.job.options),
         position=body.position,
         quaternion=body.quaternion,
         body_vertices=body.vertices,
@@ -228,13 +228,6 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
     by = solved.job.precision.latency
     return {name: in_time(data, one, by, beyond=False) for name, one in out.items()}
-
-
-def _plain(options) -> dict:
-    """Return options as plain values that JSON keeps."""
-    plain = asdict(options)
-    plain["reduce"] = repr(plain["reduce"])
-    return plain
 
 
 def by_sample(values, rows, samples: int) -> np.ndarray:

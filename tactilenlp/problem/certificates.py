@@ -7,12 +7,12 @@ written out once at the solution, gives the certificates of far, absent and stil
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from formulations.names import FINGER, FREE_TERM, GROUND
 
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
-from .reductions import Reductions
+from .reductions import REDUCTIONS
 from .static_friction import rest_force
 from .unreduced import unreduced
 
@@ -36,7 +36,7 @@ class Skipped:
     holds: bool
 
     def __str__(self) -> str:
-        named = self.name in [f.name for f in fields(Reductions)]
+        named = self.name in REDUCTIONS
         remedy = f' (Options(without="{self.name}") does not make it)' if named else ""
         verdict = "holds" if self.holds else f"DOES NOT HOLD{remedy}"
         return (

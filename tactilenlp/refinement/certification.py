@@ -49,13 +49,13 @@ def checked(solved, executor=None) -> Solved:
 
 
 def with_profiles(best) -> Solved:
-    """Return a solve with profile likelihoods, if Options.rivals asks for them.
+    """Return a solve with profile likelihoods, if Options asks for them.
 
     Where one of its solves meets a better optimum, that one, if it stays better with
     nothing held.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
-    job, asked = best.job, slid and best.job.options.rivals
+    job, asked = best.job, slid and best.job.options.profile_likelihood
     if not asked or job.deadline.passed("profile likelihoods"):
         return best
     profile, better = profiled(best)
