@@ -22,7 +22,7 @@ from tactilenlp import (
 )
 from tactilenlp.errors import SceneError
 from tactilenlp.geometry.faces import polygons
-from tactilenlp.information.polytope_information import touched_polygons
+from tactilenlp.interface.readout import touched_polygons
 from tactilenlp.interface.request import carried_hypotheses, make_job
 from tactilenlp.refinement.incremental_polytope import is_one_action_more
 from tactilenlp.search.proposals_floating import (

@@ -110,7 +110,7 @@ def test_a_hull_on_three_legs_is_read_with_these(slid):
     body = read_hull(job, solved)
     information = information_in_time(job, solved, body.faces)
     assert np.isfinite(body.vertices).all()
-    assert np.isfinite(information.spread).all()
+    assert np.isfinite(information.covariance_matrix).all()
 
 
 def test_fingers_push_where_they_touch_and_nowhere_else(slid, hull):

@@ -8,7 +8,7 @@ import pytest
 from formulations import violation_implicit
 from formulations.shape import CUBOID
 from tactilenlp import Problem, SolverOptions
-from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
 

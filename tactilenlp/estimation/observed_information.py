@@ -28,12 +28,12 @@ from ..data.scene import Scene
 from ..errors import OptionError, TactileError, typed_call
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information
+from ..information.linearisation import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.measurement_noise import (
     mixed_derivatives,
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.tangent_space import inverse
 from ..interface.options import Options, Session
 from ..interface.request import read_request

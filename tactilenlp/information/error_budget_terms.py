@@ -17,8 +17,8 @@ from formulations.violation_implicit import BALANCE_SIGMA
 from ..geometry.convex_hull import SIGMA_INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
+from .linearisation import ASSUMPTION_STEP, difference, kkt_residual
 from .measurement_noise import KNOWN_FACE
-from .sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from .tangent_space import rotations
 
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
@@ -129,9 +129,10 @@ def unseen_motion(response) -> np.ndarray:
     since fingers that squeeze a body make it jump; ahead of late sensors, by AHEAD.
     """
     let_go, ahead = (np.outer(k, k) for k in response.motions[1:])
-    total, window = MOVED_ON * let_go + AHEAD**2 * ahead, response.at.window
+    linearisation = response.linearisation
+    total, window = MOVED_ON * let_go + AHEAD**2 * ahead, linearisation.window
     if len(window.unseen):
-        kkt, step = response.at.kkt, window.step
+        kkt, step = linearisation.kkt, window.step
         x = kkt.problem.unpack(kkt.x)["x"]
         ways = (x[:, step.pose] - x[:, step.before]).T
         runs = ((step.sample[k], ways[j] - ways[k]) for k, j in window.unseen_runs)
@@ -245,14 +246,17 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     return total
 
 
-def beyond_mixture(modes, at, tangent, faces, profile) -> dict[str, np.ndarray]:
+def beyond_mixture(
+    modes, linearisation, tangent, faces, profile
+) -> dict[str, np.ndarray]:
     """Return the covariances (k, k) of errors that a mixture of optima leaves out.
 
     faces, profile: see information_of.
     """
-    noise, grounded = at.job.precision.position, len(at.window.corner) > 0
-    beyond = untouched_faces(tangent, at.window.shape, faces, noise, grounded)
-    errors = {"untouched faces": beyond}
+    window, noise = linearisation.window, linearisation.job.precision.position
+    grounded = len(window.corner) > 0
+    untouched = untouched_faces(tangent, window.shape, faces, noise, grounded)
+    errors = {"untouched faces": untouched}
     if profile is not None:
         profile = profile @ tangent.jacobian.T
         errors["profile likelihood"] = profile_beyond(profile, modes.covariance)

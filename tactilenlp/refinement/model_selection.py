@@ -24,9 +24,9 @@ from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
     log_evidence,
+    occam_of_vertices,
     odds_of,
 )
-from ..information.polytope_information import occam_of_vertices
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
@@ -156,7 +156,7 @@ def evidence_of(estimate, shape) -> float:
     if not estimate.success:
         return -np.inf
     information, k = estimate.information, len(estimate.information.names)
-    covariance = information.of_hessian().spread
+    covariance = information.of_hessian().covariance_matrix
     late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
     if shape.last_pose_held:

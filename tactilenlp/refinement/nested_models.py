@@ -26,8 +26,8 @@ from formulations.indentation import NAME as COMPLIANCE
 
 from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import Misfit, touch_misfit
+from ..information.linearisation import kkt_residual
 from ..information.mixture import occam_of
-from ..information.sensitivity import kkt_residual
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
 from ..search.local_solve import built_page, transferred, warm_started

@@ -2,7 +2,7 @@
 
 The ground is level or as the scene or an earlier estimate says, contacts and normals
 are as late as these say.  Where a Newton step on one of them, which needs no solve
-(information/sensitivity.py, consider_parameters.py), promises to lower the objective,
+(information/linearisation.py, consider_parameters.py), promises to lower the objective,
 the data are turned, or fingers put where they were earlier, and the page is solved
 again from the solution, a step at a time.  A tilt must gain as many nats as any larger
 model (nested_models.py); a latency more than its Laplace evidence loses, the logarithm
@@ -23,9 +23,8 @@ from formulations.finger_turn import TURN as PRIOR_TURN
 
 from ..data.sensor_noise import LATENCY
 from ..information.consider_parameters import Doubt, late_touches
-from ..information.error_budget import Linearisation
+from ..information.linearisation import Linearisation, ground_tilt
 from ..information.mixture import occam_of
-from ..information.sensitivity import ground_tilt
 from ..search.local_solve import continued, warm_started
 from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
 from ..search.solved import Solved, best_first
