@@ -17,7 +17,7 @@ from tactilenlp.refinement.profile_deviation import (
     VAGUE_SHARE,
     Profile,
 )
-from tactilenlp.refinement.profile_likelihood import profiled
+from tactilenlp.refinement.profile_likelihood import profile_deviations
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.margins import PROFILE_RISE
@@ -190,8 +190,8 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     )  # fmt: skip
     certificates = SimpleNamespace(broken=())
     best = Certified(solution, certificates, job, (False, 1.0))
-    monkeypatch.setattr(certification, "profiled", profiles)
-    monkeypatch.setattr(certification, "certified", lambda solved: solved)
+    monkeypatch.setattr(certification, "profile_deviations", profiles)
+    monkeypatch.setattr(certification, "restore_reductions", lambda solved: solved)
     for rank, same in (((False, 1.2), True), ((False, 0.6), False)):
         again = replace(best, rank=rank)
 
@@ -273,7 +273,7 @@ def test_a_body_without_sides_has_no_profile():
         shape=replace(CUBOID, last_pose_held=True),
         reductions=SimpleNamespace(planar=True),
     )
-    found, better = profiled(SimpleNamespace(at=AT, job=job))
+    found, better = profile_deviations(SimpleNamespace(at=AT, job=job))
     assert better is None
     assert not found.any()
 
@@ -288,7 +288,7 @@ def test_profiles_of_shooting_are_those_of_multiple_shooting(recorded):
         request, _ = read_request(data.select([0, 1]), scene, *given)
         starts, _ = searched(request, Incumbents([]))
         solved = solved_from(request.job, starts[0])
-        found.append(profiled(solved, seeks=False)[0])
+        found.append(profile_deviations(solved, seeks=False)[0])
     where = np.flatnonzero(found[0].any(axis=1))
     assert where.max() >= CUBOID.theta  # one of them is of a position
     assert found[1] == pytest.approx(found[0], rel=1e-2, abs=1e-6)

@@ -12,7 +12,7 @@ from tactilenlp import Options, solve_estimate
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
 from tactilenlp.problem.certificates import Skipped
-from tactilenlp.refinement.certification import certified
+from tactilenlp.refinement.certification import restore_reductions
 from tactilenlp.search.local_solve import solved_from, warm_started
 
 DECLINED = Skipped("rigid", "compliance", "rigid", "gains [nats]", 1.0, 5.0, True)
@@ -25,11 +25,11 @@ def test_every_reduction_can_be_switched_off_alone(touched):
         return make_job(data, scene, CUBOID, options, time.monotonic(), page)
 
     solved = replace(solved_from(job(Options()), h), declined=(DECLINED,))
-    reduced = certified(solved).solution
+    reduced = restore_reductions(solved).solution
     for name in ("still", "far", "absent"):
         fewer = job(Options(without=[name]))
         # From the same optimum: from afar, solves end a fifth of a nat apart.
-        full = certified(warm_started(fewer, solved))
+        full = restore_reductions(warm_started(fewer, solved))
         assert DECLINED in full.skipped
         assert full.solution.success
         assert all(s.name != name for s in full.skipped)

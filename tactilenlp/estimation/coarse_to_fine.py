@@ -32,7 +32,7 @@ from .optima import (
     OTHER_SOLVES,
     REFINEMENT_END,
     Optima,
-    best_certified,
+    certify_best,
     optima_of,
 )
 
@@ -88,7 +88,7 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
         return Optima(None, [], kept, starts, coarse.searched)
     solved = with_latency(solved)  # more samples tell more of it
     optima = Optima(None, solved, kept, starts, coarse.searched)
-    optima = best_certified(dense, optima, partial(_certified, coarse_best))
+    optima = certify_best(dense, optima, partial(_certify_dense, coarse_best))
     declined, profile = coarse_best.declined, coarse_best.profile
     best = replace(optima.best, declined=declined, profile=profile)
     return replace(optima, best=best)
@@ -130,7 +130,7 @@ def at_coarse_rows(h: Hypothesis, rows) -> Hypothesis:
     return replace(h, x=h.x[:, rows[rows < h.x.shape[1]]])
 
 
-def _certified(coarse: Solved, solved) -> Solved:
+def _certify_dense(coarse: Solved, solved) -> Solved:
     """Return a solve at all samples with its certificates.
 
     Rest is certified at the lower rate: at the full one, what the balance of the first

@@ -11,13 +11,16 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from functools import partial
 
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..refinement.axis_names import with_named_axes
-from ..refinement.certification import checked, with_profiles
+from ..refinement.certification import (
+    restore_reductions,
+    solve_other_motions,
+    with_profiles,
+)
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
 from ..refinement.incremental_polytope import repaired
 from ..refinement.model_selection import most_probable
@@ -90,13 +93,17 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
         return optima
     if (second := _search_that_may_gain(request, optima.best)) is not None:
         other = _of_one_search(second, Incumbents([], incumbents.solves), update)
-        optima = _better(optima, other)
-    check = partial(checked, executor=request.executor)
-    optima = best_certified(request, optima, check)
+        optima = _better_optima(optima, other)
+
+    def certify(solved: Solved) -> Solved:
+        flat = restore_reductions(solved)
+        return solve_other_motions(solved.job, flat, request.executor)
+
+    optima = certify_best(request, optima, certify)
     sought = request.job.hypothesis is None and fits_badly(request, optima.best)
     other = _solved_by_action(request, optima.best.job) if sought else None
     if other is not None and _differs(other.best, optima.solved):
-        optima = _better(optima, best_certified(request, other, check))
+        optima = _better_optima(optima, certify_best(request, other, certify))
     best = optima.best
     with best.job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
@@ -152,7 +159,7 @@ def _updated_by_few(request, incumbents) -> tuple:
     return search, solved, enough
 
 
-def _better(optima: Optima, other: Optima) -> Optima:
+def _better_optima(optima: Optima, other: Optima) -> Optima:
     """Return the better of two; the seconds are those of the first search."""
     if other.best is None or other.best.rank >= optima.best.rank:
         return optima
@@ -182,7 +189,7 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
             return None
         if doubtful and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
-            better = _better(optima, _of_one_search(rough, Incumbents(kept)))
+            better = _better_optima(optima, _of_one_search(rough, Incumbents(kept)))
             doubtful, optima = better is not optima, better
         kept, solved = optima.carried_on(request.widths[0]), optima.best.job
     return optima
@@ -262,10 +269,10 @@ def _with_larger_models(flat, freed) -> list[Solved]:
     return with_ground_for_turns(larger)
 
 
-def best_certified(request: Request, optima: Optima, check) -> Optima:
+def certify_best(request: Request, optima: Optima, certify) -> Optima:
     """Return optima of which the most probable one has its axes named, certified.
 
-    check(solved): certifies a solve, or returns a better one.
+    certify(solved): a solve with certificates, or a better one.
     """
     deadline = request.job_until(CERTIFICATES_END).deadline
     solved = [replace(s, job=replace(s.job, deadline=deadline)) for s in optima.solved]
@@ -274,6 +281,5 @@ def best_certified(request: Request, optima: Optima, check) -> Optima:
         best = most_probable(solved)
         named = with_named_axes(best, request.axes)
         solved = [named if s is best else s for s in solved]
-        best = named
-        best = check(best)
+        best = certify(named)
     return replace(optima, best=best, solved=solved)

@@ -19,7 +19,7 @@ from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
 from ..search.solved import Solved
 from .newton_steps import with_ground_tilt
-from .profile_likelihood import PROFILE_MU, profiled
+from .profile_likelihood import PROFILE_MU, profile_deviations
 from .tilt import explained, with_tilt
 
 log = logging.getLogger("tactilenlp")
@@ -27,25 +27,22 @@ MAX_RESTORED = 2  # solves with reductions restored
 MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
 
 
-def checked(solved, executor=None) -> Solved:
-    """Return a solved page with certificates, or what they ask for instead.
+def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
+    """Return a certified solve, or one in free motion if the body did not only slide.
 
-    An object that did not only slide is solved in free motion: tilted, and as it
-    tumbled where a tilt does not explain its touches.
+    Tilted where that explains touches, or as it tumbled where a tilt does not.  job: as
+    it was before reductions were restored.
     """
-    best, job = certified(solved), solved.job
-    fell = "planar" in best.certificates.broken and not states_planar_motion(job.page)
-    rocked = with_tilt(best)
-    if rocked is not best:
-        rocked = with_ground_tilt([rocked])[0]
-    fell = fell and not (rocked is not best and explained(rocked))
+    tilted = with_tilt(flat)
+    if tilted is not flat:
+        tilted = with_ground_tilt([tilted])[0]
+    fell = "planar" in flat.certificates.broken and not states_planar_motion(job.page)
+    fell = fell and (tilted is flat or not explained(tilted))
     if fell and job.shape.faced and not job.deadline.passed("a tumble"):
-        tumbled = _tumbled(job, best, executor)
-        if tumbled.rank < rocked.rank:
+        tumbled = _solve_tumbles(job, flat, executor)
+        if tumbled.rank < tilted.rank:
             return tumbled
-    if rocked is not best:
-        best = certified(rocked)
-    return best
+    return flat if tilted is flat else restore_reductions(tilted)
 
 
 def with_profiles(best) -> Solved:
@@ -58,16 +55,16 @@ def with_profiles(best) -> Solved:
     job, asked = best.job, slid and best.job.options.profile_likelihood
     if not asked or job.deadline.passed("profile likelihoods"):
         return best
-    profile, better = profiled(best)
+    profile, better = profile_deviations(best)
     if better is not None:
-        again = certified(warm_started(job, better, PROFILE_MU))
+        again = restore_reductions(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
-        profile, _ = profiled(best, seeks=False)
+        profile, _ = profile_deviations(best, seeks=False)
     return replace(best, profile=profile)
 
 
-def certified(solved) -> Solved:
-    """Check what was dropped; restore what was needed and solve again.
+def restore_reductions(solved) -> Solved:
+    """Certify what was dropped; restore what was needed, and solve again.
 
     Rest intervals are first cut where the body would move, and dropped if that was not
     enough.
@@ -95,7 +92,7 @@ def certified(solved) -> Solved:
     return replace(solved, certificates=certificates)
 
 
-def _tumbled(job, flat, executor) -> Solved:
+def _solve_tumbles(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
     motions = recovered(job, evidence, *job.options.widths(precise=False), executor)

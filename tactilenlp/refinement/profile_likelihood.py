@@ -57,7 +57,7 @@ PROFILE_MU = 1e-2
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
 
-def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
+def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
