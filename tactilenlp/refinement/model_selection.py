@@ -92,8 +92,8 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
             expected=f"an Estimate or a Guess of {[shape.name for shape in classes]}",
             next="leave it out, or add its class to the list",
         )  # fmt: skip
-    began = time.process_time()
-    deadline, estimates, errors = Deadline.within(options.time_limit), {}, {}
+    began, deadline = time.process_time(), Deadline.within(options.time_limit)
+    estimates, errors = {}, {}
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
         left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
@@ -107,7 +107,7 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
             errors[i] = error
     if not estimates:
         raise next(iter(errors.values()))
-    _start_from_best(classes, solver, options, deadline, estimates)
+    estimates |= _likelier_from_best(classes, solver, options, deadline, estimates)
     failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
     _, best = max(estimates.values(), key=lambda one: one[0])
     seconds = best.seconds | {"total": time.process_time() - began}
@@ -121,20 +121,21 @@ def _starts_from(start, shape) -> bool:
     return getattr(start, "shape", None) == shape.name
 
 
-def _start_from_best(classes, solver, options, deadline, estimates) -> None:
-    """Solve classes that explain the data worse from the poses of the likeliest one.
+def _likelier_from_best(classes, solver, options, deadline, estimates) -> dict:
+    """Return what is likelier if solved from the poses of the likeliest class.
 
-    estimates: evidence and Estimate by number of the class, where what is likelier
-    replaces its own.
+    Of classes that explain the data worse.  estimates, and what is returned: evidence
+    and Estimate by number of the class.
     """
     highest, best = max(estimates.values(), key=lambda one: one[0])
+    likelier = {}
     for i, shape in enumerate(classes):
         own, estimate = estimates.get(i, (-np.inf, None))
         cost = np.inf if estimate is None else estimate.objective
         if not np.isfinite(highest) or cost <= best.objective + DECISIVE:
             continue
         if deadline.passed(f"a {shape.name} from the poses of a {best.shape}"):
-            return
+            break
         left = replace(options, time_limit=max(MIN_CLASS_TIME, deadline.left))
         most = min(cost, best.objective + LEAST_MOTION_BEHIND)
         try:
@@ -142,8 +143,9 @@ def _start_from_best(classes, solver, options, deadline, estimates) -> None:
         except TactileError as error:
             log.info("%s from the poses of a %s: %s", shape.name, best.shape, error)
             continue
-        if again is not None and (more := evidence_of(again, shape)) > own:
-            estimates[i] = more, again
+        if again is not None and (evidence := evidence_of(again, shape)) > own:
+            likelier[i] = evidence, again
+    return likelier
 
 
 def evidence_of(estimate, shape) -> float:
