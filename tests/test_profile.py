@@ -15,6 +15,7 @@ from tactilenlp.refinement import certification
 from tactilenlp.refinement.profile_deviation import (
     TAIL_GROWTH,
     VAGUE_SHARE,
+    Point,
     Profile,
 )
 from tactilenlp.refinement.profile_likelihood import profile_deviations
@@ -42,23 +43,21 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * claimed
 
-    def elsewhere(axis, pull, moved):
-        grows = touched is not None and pull[axis] > 0 and min(touched) == 0
-        assert (moved is not None) == grows
+    felt = None if touched is None else np.array(touched)
 
-        def there(step):
-            change = step * pull[axis]
-            cost, grown = price(change), np.r_[change, 0, 0]
-            if cost is None:
-                return None
-            moved = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
-            return solve(replace(AT, objective=cost, **moved))
+    def solve_held(step, start, direction, touched):
+        grows = felt is not None and direction[0] > 0 and min(felt) == 0
+        assert (touched is not None) == grows
+        assert start.step < step
+        change = step * direction[0]
+        rise, grown = price(change), np.r_[change, 0, 0]
+        if rise is None:
+            return None
+        other = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
+        return Point(step, rise, solve(replace(AT, objective=rise, **other)))
 
-        return there
-
-    touched = None if touched is None else np.array(touched)
-    profile = Profile(solve(AT), 0, PRIOR, touched, seeks, cost)
-    off, better = profile.deviation(elsewhere, sharp, sharp)
+    profile = Profile(solve_held, solve(AT), 0, PRIOR, felt, seeks, cost)
+    off, better = profile.deviation(sharp, sharp)
     assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
 
