@@ -144,5 +144,7 @@ def tracked_search(request: Request, job: Job, incumbents) -> TrackedSearch:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)
-    arguments = job, in_frame, request.widths[1], request.executor
-    return TrackedSearch(*arguments, keep=incumbents.keep, out_of=frame.out_of)
+    return TrackedSearch(
+        job, in_frame, request.widths[1], request.executor, keep=incumbents.keep,
+        out_of=frame.out_of,
+    )  # fmt: skip

@@ -35,7 +35,7 @@ from ..information.measurement_noise import (
     sensor_covariance,
 )
 from ..information.tangent_space import inverse
-from ..interface.options import Options, Session
+from ..interface.options import Options
 from ..interface.request import read_request
 from ..interface.result import Estimate
 from ..nlp.problem import Problem
@@ -190,9 +190,7 @@ def problem_of(
     if at is not None:
         check_types(at=(at, Estimate))
         scene = (Scene() if scene is None else scene).on_ground_of(at.scene)
-    request, _ = read_request(
-        data, scene, shape, formulation, options, None, None, Session()
-    )
+    request, _ = read_request(data, scene, shape, formulation, options)
     job = request.job
     if at is not None:
         if at.measurements != data or at.shape != job.shape.name:

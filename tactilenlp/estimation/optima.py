@@ -142,10 +142,10 @@ def _updated_by_few(request, incumbents) -> tuple:
     all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    asked = job.shape.tracked and job.hypothesis is None and incumbents.kept
-    asked = asked and job.reductions.planar and job.contract.rough
-    asked = asked and precise(job.data, job.precision)
-    if not (asked and continues(start, job) and of_whole_actions(start, job)):
+    may_do = job.shape.tracked and job.hypothesis is None and incumbents.kept
+    may_do = may_do and job.reductions.planar and job.contract.rough
+    may_do = may_do and precise(job.data, job.precision)
+    if not (may_do and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
     search = tracked_search(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()
@@ -241,7 +241,7 @@ def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[S
         """Solve one job, whose solves compete with each other alone."""
         return refined(job, starts, solves.part(), past, earlier)
 
-    def freed(free, first, alone: bool) -> list[Solved]:
+    def solve_larger(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
         larger = from_starts(free, [first] if alone else [first, *starts])
@@ -253,18 +253,18 @@ def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[S
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_latency(solved)
         if not newly_late(request.job, solved[0].job):
-            solved = repaired(_with_larger_models(solved, freed), update)
+            solved = repaired(_with_larger_models(solved, solve_larger), update)
     return solved or solves.best_first()
 
 
-def _with_larger_models(flat, freed) -> list[Solved]:
+def _with_larger_models(flat, solve_larger) -> list[Solved]:
     """Return solves, on a ground that leans, with what the data set free."""
     leaning = with_ground_tilt(flat)
-    larger = with_nuisance_parameters(leaning, freed)
+    larger = with_nuisance_parameters(leaning, solve_larger)
     same_model = larger[0].job.reductions == flat[0].job.reductions
     if leaning is not flat and not same_model:
-        # The tilt did not explain enough: what was freed then may do without it.
-        level = with_nuisance_parameters(flat, freed)
+        # The tilt did not explain enough: what was solve_larger then may do without it.
+        level = with_nuisance_parameters(flat, solve_larger)
         larger = min(larger, level, key=lambda solves: solves[0].rank)
     return with_ground_for_turns(larger)
 

@@ -22,10 +22,10 @@ def class_and_page(estimate, shape=None, formulation=None) -> tuple:
     shape = shape_of(estimate.shape if shape is None else shape)
     stated = estimate.formulation if formulation is None else formulation
     page = page_of(stated, shape)
-    for name, asked in (("shape", shape.name), ("formulation", name_of(page))):
-        if (own := getattr(estimate, name)) != asked:
+    for name, value in (("shape", shape.name), ("formulation", name_of(page))):
+        if (own := getattr(estimate, name)) != value:
             raise OptionError(
-                "not that of the estimate", where=name, got=asked, expected=own,
+                "not that of the estimate", where=name, got=value, expected=own,
                 next="give it as it was given to solve_estimate",
             )  # fmt: skip
     return shape, page

@@ -105,8 +105,10 @@ class ClassSolver:
         return self._of_request(request, hypotheses)
 
     def _request_of(self, scene, shape, options, start) -> tuple[Request, list]:
-        page, others = self.formulation, (start, self.executor, self.session)
-        return read_request(self.data, scene, shape, page, options, *others)
+        return read_request(
+            self.data, scene, shape, self.formulation, options, start,
+            executor=self.executor, session=self.session,
+        )  # fmt: skip
 
     def _of_request(self, request: Request, hypotheses) -> Estimate:
         """Return the estimate of a request; Ctrl-C raises Interrupted with one."""

@@ -127,12 +127,12 @@ def _time_step(kkt: KKTSystem, window, H, s: int):
     K = sp.bmat([[bend, A[:, inside].T], [A[:, inside], floor]]).toarray()
     outside = np.concatenate([*before, theta])
     right = sp.vstack([H[inside][:, outside], A[:, outside]]).toarray()
-    moved = -np.linalg.solve(K, right)[: len(now)]
-    moved = moved * problem.scale[now][:, None] / problem.scale[outside]
+    slopes = -np.linalg.solve(K, right)[: len(now)]
+    slopes = slopes * problem.scale[now][:, None] / problem.scale[outside]
     u = len(now)
     if step.before[s] == step.before_2[s]:  # the same columns twice
-        return moved[:, :u], moved[:, 2 * u :]
-    return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
+        return slopes[:, :u], slopes[:, 2 * u :]
+    return slopes[:, :u] + slopes[:, u : 2 * u], slopes[:, 2 * u :]
 
 
 def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:

@@ -54,8 +54,8 @@ def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
         n, m = term.instances, term.function.rows
         gives = problem.value(name + GIVES, kkt.x, kkt.data).reshape(n, -1, m)
         rows = by_constraint[term.span].reshape(n, m, -1)
-        moved = (gives @ rows).reshape(-1, len(total))
-        total += BALANCE_SIGMA**2 * moved.T @ moved
+        change = (gives @ rows).reshape(-1, len(total))
+        total += BALANCE_SIGMA**2 * change.T @ change
     return total
 
 
@@ -72,8 +72,8 @@ def friction_error(kkt: KKTSystem, by_gradient, by_constraint, name: str) -> np.
         data = kkt.data.copy()
         data[span] += side * ASSUMPTION_STEP * data[span]
         ends.append(kkt_residual(kkt.problem, kkt, data))
-    moved = difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
-    return FRICTION**2 * np.outer(moved, moved)
+    slope = difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
+    return FRICTION**2 * np.outer(slope, slope)
 
 
 def uneven_ground(kkt: KKTSystem, by_constraint, window) -> np.ndarray:
@@ -118,7 +118,7 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
     for a, f in np.unique(np.stack([own, push.finger]), axis=1).T:
         rows = np.flatnonzero((own == a) & (push.finger == f))
         moves.append((push.sample[rows], slip[rows]))
-    return STICKING * moved_besides(kkt, by_gradient, window, moves)
+    return STICKING * error_of_motions(kkt, by_gradient, window, moves)
 
 
 def unseen_motion(response) -> np.ndarray:
@@ -136,27 +136,27 @@ def unseen_motion(response) -> np.ndarray:
         x = kkt.problem.unpack(kkt.x)["x"]
         ways = (x[:, step.pose] - x[:, step.before]).T
         runs = ((step.sample[k], ways[j] - ways[k]) for k, j in window.unseen_runs)
-        total += MOVED_ON * moved_besides(kkt, response.by_gradient, window, runs)
+        total += MOVED_ON * error_of_motions(kkt, response.by_gradient, window, runs)
     return total
 
 
-def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
+def error_of_motions(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
     """Return the covariance (k, k) by moves of the body that a solve left out, SI.
 
     moves: of each, samples (n,) and by how much the first unknowns of the pose would
     have changed on the way to them (n, u); see `stick_slip`.
     """
     problem, x = kkt.problem, kkt.problem.variables["x"]
-    H, moved = kkt.hessian(problem.costs_of("physics")), []
+    H, errors = kkt.hessian(problem.costs_of("physics")), []
     for samples, ways in moves:
         later = samples > window.last[:, None]  # (poses, samples)
         off = np.zeros((x.columns, x.rows))
         off[:, : ways.shape[1]] = -(later @ ways)
         e = np.zeros(problem.size)
         e[x.span] = off.ravel()
-        moved.append(by_gradient.T @ (H @ e))
-    moved = np.array(moved).reshape(-1, by_gradient.shape[1])
-    return moved.T @ moved
+        errors.append(by_gradient.T @ (H @ e))
+    errors = np.array(errors).reshape(-1, by_gradient.shape[1])
+    return errors.T @ errors
 
 
 def slips(kkt: KKTSystem, window) -> np.ndarray:
@@ -210,8 +210,8 @@ def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
     errors[problem.variables["theta"].span] = (
         radius * SIGMA_INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
     )
-    moved = by_gradient.T @ (kkt.hessian(VERTEX_PRIORS) @ errors)
-    return moved @ moved.T
+    response = by_gradient.T @ (kkt.hessian(VERTEX_PRIORS) @ errors)
+    return response @ response.T
 
 
 def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.ndarray:
@@ -228,11 +228,11 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     total = np.zeros((k, k))
     if not shape.faced:
         return total
-    known = np.asarray(faces) >= KNOWN_FACE
+    ends = np.asarray(faces) >= KNOWN_FACE
     for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():
         down = np.argmax(np.abs(lean))
-        known[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
-    for axis, (low, high) in enumerate(known):
+        ends[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
+    for axis, (low, high) in enumerate(ends):
         if low and high:
             continue
         way = np.zeros(k)

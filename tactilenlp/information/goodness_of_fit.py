@@ -86,8 +86,8 @@ class Misfit:
         return POOR * self.spread + MARGIN
 
     def __add__(self, other: Misfit) -> Misfit:
-        both = self.actual + other.actual, self.expected + other.expected
-        return Misfit(*both, float(np.hypot(self.spread, other.spread)))
+        actual, expected = self.actual + other.actual, self.expected + other.expected
+        return Misfit(actual, expected, float(np.hypot(self.spread, other.spread)))
 
 
 NOTHING = Misfit(0.0, 0.0, 0.0)
@@ -254,8 +254,8 @@ def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misf
     cost = problem.value(TOUCH_TERM, x, data)[:, 0]
     costs = cost, *touch_moments(problem, data, window, smoothing)
     misfit, sigma = _misfit(*costs), window.sigma_normal * (1 + window.normal_error)
-    noisier = problem, data, replace(window, sigma_normal=sigma), smoothing
-    common = touch_moments(*noisier)[0].sum() - misfit.expected
+    noisier = replace(window, sigma_normal=sigma)
+    common = touch_moments(problem, data, noisier, smoothing)[0].sum() - misfit.expected
     return costs, misfit + Misfit(0.0, 0.0, common)
 
 
@@ -265,11 +265,11 @@ def touch_moments(problem, data, window, smoothing: float):
         float(data[problem.parameters[name].span][0])
         for name in (TOUCH_SCALE, NORMAL_SCALE)
     )
-    off = np.hypot(sigma, window.touch.latency)
-    turned = np.hypot(sigma_n, window.touch.latency / window.touch.radius)
+    scale = np.hypot(sigma, window.touch.latency)
+    scale_n = np.hypot(sigma_n, window.touch.latency / window.touch.radius)
     sigma_p = window.sigma_position * np.sqrt(smoothing)
-    gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / off
-    normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / turned
+    gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / scale
+    normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / scale_n
     z, weight_z = np.polynomial.hermite_e.hermegauss(NODES)
     e, weight_e = np.polynomial.laguerre.laggauss(NODES)
     weight = weight_z[:, None] * weight_e / weight_z.sum()

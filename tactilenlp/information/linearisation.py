@@ -245,8 +245,8 @@ def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
         by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
     (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
     slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
-    moved = np.stack([kkt.moved(b) for b in slope.T], axis=1)
-    data = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ moved
+    response = np.stack([kkt.moved(b) for b in slope.T], axis=1)
+    data = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ response
     values, vectors = np.linalg.eigh((data + data.T) / 2)
     prior = 1 / scene.sigma_tilt**2
     information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T

@@ -270,10 +270,19 @@ def aligned(shape, mode: LocalOptimum, reference: LocalOptimum):
 
 def relabelling(shape, R, R_0) -> tuple:
     """Return the order of theta and the axes (3, 3) by which R is nearest to R_0."""
-    ways = [(order, np.array(S, float)) for order, S in shape.relabellings]
-    turned = R @ np.array([S for _, S in ways])
-    far = np.linalg.norm(turn_between(shape, turned, R_0[None]), axis=1)
+    ways = relabellings(shape)
+    frames = R @ np.array([S for _, S in ways])
+    far = np.linalg.norm(turn_between(shape, frames, R_0[None]), axis=1)
     return ways[int(np.argmin(np.round(far, 9)))]
+
+
+def relabellings(shape, upright: bool = False) -> list[tuple[list[int], np.ndarray]]:
+    """Return all orders of theta and axes (3, 3) under which a body is the same.
+
+    upright: those alone that keep which way its z axis points, as in planar motion.
+    """
+    ways = [(list(order), np.array(S, float)) for order, S in shape.relabellings]
+    return [way for way in ways if not upright or way[1][2, 2] > 0]
 
 
 def turn_between(shape, R, R_0) -> np.ndarray:

@@ -117,8 +117,8 @@ def errors_of_ground(linearisation: Linearisation, points) -> np.ndarray:
     By the tilt of the ground's frame, and by corners that stand UNEVEN off its plane.
     points (n, 3) [m]: where the poses are, ground frame.
     """
-    turned, R_wg = linearisation.tilt.slopes_of_poses(points), linearisation.R_wg
-    C = turned @ linearisation.tilt.squared @ turned.swapaxes(1, 2)
+    poses, R_wg = linearisation.tilt.slopes_of_poses(points), linearisation.R_wg
+    C = poses @ linearisation.tilt.squared @ poses.swapaxes(1, 2)
     legs = linearisation.window.supports(linearisation.values["theta"].T.ravel())
     arm = np.maximum(np.sum(legs[:, :2] ** 2) / 2, LEAST_ARM**2)
     rocks = (UNEVEN * REST) ** 2 / arm * R_wg[:, :2] @ R_wg[:, :2].T
@@ -189,8 +189,8 @@ def _ways(x, to, before) -> np.ndarray:
     if is_planar(x):
         x = np.vstack([x[:2], np.zeros((3, x.shape[1])), x[2]])
     R, off = matrices(x), x[:3, to] - x[:3, before]
-    turned = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
-    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turned)
+    turn = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
+    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turn)
 
 
 # Constant offsets of the finger positions

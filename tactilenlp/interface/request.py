@@ -77,16 +77,20 @@ class Request:
 
 
 def read_request(
-    data, scene, shape, formulation, options, start, executor, session: Session
-) -> tuple[Request, list[Hypothesis]]:
+    data, scene, shape, formulation="violation_implicit", options=None, start=None,
+    executor=None, session: Session | None = None,
+) -> tuple[Request, list[Hypothesis]]:  # fmt: skip
     """Return the request, and the hypotheses of the first actions that it starts from.
 
-    Raises NoContactError, MistakeError, MeasurementError, OptionError, SceneError or
-    StartError for what cannot be solved.
+    session: by default a new one.  Raises NoContactError, MistakeError,
+    MeasurementError, OptionError, SceneError or StartError for what cannot be solved.
     """
     began, checking = time.monotonic(), Deadline()
+    session = Session() if session is None else session
     check_types(data=(data, Measurements), session=(session, Session))
-    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    scene, shape, options, page = checked_request(
+        scene, shape, formulation, options, executor
+    )
     if options.check_mistakes:
         late = scene.latency
         if late is None:
@@ -108,7 +112,7 @@ def read_request(
     return Request(data, job, start, executor, kept_axes(start, job)), carried
 
 
-def asked(scene, shape, formulation, options, executor) -> tuple:
+def checked_request(scene, shape, formulation, options, executor) -> tuple:
     """Return scene, shape, options and page, or raise what is wrong with them."""
     scene = Scene() if scene is None else scene
     options = Options() if options is None else options

@@ -128,8 +128,8 @@ def _size_of_hull(estimate) -> str:
     extent = MM_PER_M * np.ptp(estimate.vertices, axis=0)
     across = " x ".join(f"{s:.1f}" for s in extent)
     planes = estimate.supporting_planes()
-    known = MM_PER_M * planes.sigma[planes.touches > 0]
-    words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
+    sigma = MM_PER_M * planes.sigma[planes.touches > 0]
+    words = f" to ± {np.median(sigma):.2f} mm (median)" if len(sigma) else ""
     return (
         f"{len(estimate.vertices)} vertices, {across} mm across, {touched} of "
         f"{estimate.faces.size} faces touched{words},"

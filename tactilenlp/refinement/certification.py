@@ -52,8 +52,10 @@ def with_profiles(best) -> Solved:
     nothing held.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
-    job, asked = best.job, slid and best.job.options.profile_likelihood
-    if not asked or job.deadline.passed("profile likelihoods"):
+    job = best.job
+    if not (slid and job.options.profile_likelihood):
+        return best
+    if job.deadline.passed("profile likelihoods"):
         return best
     profile, better = profile_deviations(best)
     if better is not None:

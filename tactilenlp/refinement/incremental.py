@@ -93,8 +93,8 @@ def updated_by_few(
 
     def solve(h: Hypothesis) -> Solved:
         values = past.values | built.values_at(h)
-        begun = replace(past, values=values)
-        return solves.add(solved_from(job, h, built, [last], begun))
+        guess = replace(past, values=values)
+        return solves.add(solved_from(job, h, built, [last], guess))
 
     best = best_first([solve(h) for h in first])[0]
     if still_explained(best, start):

@@ -235,17 +235,18 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
         return solved
     s, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
     ground = s.values[GROUND]
-    moved = redistributed(
+    impulses_at_legs = redistributed(
         V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old))
     )
-    moved = moved.reshape(len(ground), -1)
+    impulses_at_legs = impulses_at_legs.reshape(len(ground), -1)
     corner = Corners(
-        np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
+        np.repeat(np.arange(len(yaw)), len(legs)),
+        np.zeros((impulses_at_legs.shape[1], 3)),
     )
     solution = replace(
-        s, values=s.values | {GROUND: moved},
+        s, values=s.values | {GROUND: impulses_at_legs},
         multipliers={k: m for k, m in s.multipliers.items() if k != "ground cone"},
-        bound_multipliers=s.bound_multipliers | {GROUND: 0 * moved},
+        bound_multipliers=s.bound_multipliers | {GROUND: 0 * impulses_at_legs},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)
     return replace(solved, solution=solution).with_window(at)

@@ -26,6 +26,7 @@ from ..information.mixture import (
     log_evidence,
     occam_of_vertices,
     odds_of,
+    relabellings,
 )
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
@@ -165,8 +166,7 @@ def evidence_of(estimate, shape) -> float:
         roles = {*information.roles.values()}.intersection(PRIORS)
         held = sum(information.part(role) for role in sorted(roles))
         return -cost - occam_of_vertices(covariance, held)
-    free = k == shape.theta + 6
-    alike = sum(R[2][2] > 0.5 or free for _, R in shape.relabellings)
+    alike = len(relabellings(shape, upright=k < shape.theta + 6))
     sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
     evidence = log_evidence(cost, covariance, np.diag(1 / sigma**2))
     return evidence + np.log(alike)

@@ -205,8 +205,8 @@ def score(job, solved: Solved, unknown: str) -> float:
     indefinite, such a step may raise it: none is gained.
     """
     built = built_page(job, solved.hypothesis)
-    problem, begun = built.problem, transferred(solved, built)
-    kkt = kkt_system_of(problem, begun)
+    problem, start = built.problem, transferred(solved, built)
+    kkt = kkt_system_of(problem, start)
     slope = kkt_residual(problem, kkt)[0][problem.variables[unknown].span]
     return max(0.0, float(slope @ kkt.marginal(unknown) @ slope / 2))
 

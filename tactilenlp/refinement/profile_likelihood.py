@@ -181,9 +181,9 @@ def _solve_held(
         job.page.LEVELS[-1].with_ipopt(max_iter=PROFILE_ITERATIONS),
         fixed=(np.array([held]),), eliminate=False, warm_start={"mu_init": PROFILE_MU},
     )  # fmt: skip
-    begun = replace(latest.solution, values=values)
+    guess = replace(latest.solution, values=values)
     settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
-    again = solve_levels(problem, (level,), begun, settings, solved.built.solvers)
+    again = solve_levels(problem, (level,), guess, settings, solved.built.solvers)
     rise = again.objective - solved.solution.objective
     feasible = max(again.violations.values(), default=0.0) <= RANKING_TOLERANCE
     if feasible and (again.success or rise < PROFILE_RISE):

@@ -70,8 +70,8 @@ def _solved_promising(job, kept, solves, start, earlier) -> list[Solved]:
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
     promising = in_distinct_namings(job, promising)
-    begun = [s.hypothesis.x for s in earlier]
-    promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in begun)]
+    paths = [s.hypothesis.x for s in earlier]
+    promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in paths)]
     few = start is not None and promising and not earlier
     close = promising[0].objective + UNCHANGED if few else np.inf
     first = [h for h in promising if h.objective <= close]
