@@ -39,7 +39,7 @@ from ..interface.options import Options
 from ..interface.request import read_request
 from ..interface.result import Estimate
 from ..nlp.problem import Problem
-from ..problem.reductions import Reductions
+from ..refinement.incremental import past_solution
 from ..search.local_solve import built_page
 from .programme import class_and_page, programme_at
 
@@ -199,9 +199,7 @@ def problem_of(
                 got=f"{at.shape}, {at.measurements!r}",
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
-        job = job.as_late_as(at.sensors)
-        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
-        return built_page(solved, at.origin).problem
+        return past_solution(job.as_late_as(at.sensors), at).problem
     if job.shape.window_depends_on_start:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",

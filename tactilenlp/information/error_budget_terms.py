@@ -251,7 +251,7 @@ def beyond_mixture(
 ) -> dict[str, np.ndarray]:
     """Return the covariances (k, k) of errors that a mixture of optima leaves out.
 
-    faces, profile: see information_of.
+    faces: see information_of; profile (k, k): see profile_likelihood.py.
     """
     window, noise = linearisation.window, linearisation.job.precision.position
     grounded = len(window.corner) > 0

@@ -179,7 +179,7 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
 
     smoothing [1]: share of the noise variance that smoothing of the paths leaves.
     """
-    if not states_touches(problem):
+    if TOUCH_TERM not in problem.costs or TOUCH_SCALE not in problem.parameters:
         return None
     x, data = solution.at(problem)
     terms, touches = {}, ()
@@ -232,18 +232,6 @@ def _by_touch(cost, mean, variance, window, measurements) -> tuple:
         misfit = _misfit(cost[rows], mean[rows], variance[rows])
         misfits.append(TouchMisfit(*pair.tolist(), misfit))
     return tuple(sorted(misfits, key=lambda t: -t.misfit.excess))
-
-
-def states_touches(problem) -> bool:
-    """Tell whether a page has the touch likelihood of likelihood.py."""
-    return TOUCH_TERM in problem.costs and TOUCH_SCALE in problem.parameters
-
-
-def touch_misfit(problem, x, data, window, smoothing: float) -> Misfit:
-    """Return the Misfit of the touches, if the page states any; arguments as below."""
-    if not (states_touches(problem) and len(window.touch)):
-        return NOTHING
-    return _of_touches(problem, x, data, window, smoothing)[1]
 
 
 def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misfit]:

@@ -29,22 +29,19 @@ from .trajectory import (
 MAX_NAMES = 4  # unknowns that name a direction
 
 
-def information_of(
-    linearisation: Linearisation, solution, tangent, faces, others=(), profile=None
-) -> Information:
-    """Return the information about shape and last pose of a solved problem.
+def information_of(linearisation: Linearisation, solved, faces, others) -> Information:
+    """Return the information about shape and last pose of a search's Solved page.
 
-    tangent: its TangentSpace; faces: how many samples touched each, (axes, 2) of a box.
-    Of a shape with sizes, others: LocalOptima of the same data; profile (k, k), of the
-    unknowns: see profile_likelihood.py.
+    faces: how many samples touched each, (axes, 2) of a box; others: LocalOptima of the
+    same data, of a shape with sizes.
     """
-    kkt, hull = linearisation.kkt, linearisation.window.shape.last_pose_held
+    kkt, tangent = linearisation.kkt, solved.tangent
     by_ground, ground = response_to_ground(linearisation, tangent)
     response = linearisation.response(tangent.chosen, tangent.jacobian, by_ground)
-    if hull:
-        fields, errors = _of_vertices(response, solution, tangent, faces)
+    if solved.window.shape.last_pose_held:
+        fields, errors = _of_vertices(response, solved, faces)
     else:
-        fields, errors = _of_sizes(response, solution, tangent, faces, others, profile)
+        fields, errors = _of_sizes(response, solved, faces, others)
     by_gradient, matrix = response.by_gradient, fields["matrix"]
     parts = {
         name: matrix @ (by_gradient.T @ (H @ by_gradient)) @ matrix
@@ -59,15 +56,15 @@ def information_of(
     )  # fmt: skip
 
 
-def _of_sizes(response: Response, solution, tangent, faces, others, profile) -> tuple:
+def _of_sizes(response: Response, solved, faces, others) -> tuple:
     """Return fields of the Information about sizes, and the errors (k, k) by name."""
-    linearisation, C = response.linearisation, response.hessian
-    window, shape = linearisation.window, linearisation.window.shape
+    linearisation, tangent, C = response.linearisation, solved.tangent, response.hessian
+    solution, window, shape = solved.solution, solved.window, solved.window.shape
     errors = errors_by_name(response)
     best = LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
     optima = distinct_modes(shape, [best, *others])
     modes = laplace_mixture(shape, optima, summed(errors))
-    beyond = beyond_mixture(modes, linearisation, tangent, faces, profile)
+    beyond = beyond_mixture(modes, linearisation, tangent, faces, solved.profile)
     errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
     path = deviations_of_path(linearisation, tangent, modes, optima, more)
     covariance, errors = bounded(errors, modes.covariance + more, shape)
@@ -80,7 +77,7 @@ def _of_sizes(response: Response, solution, tangent, faces, others, profile) -> 
     return fields | fields_of_offsets(linearisation, tangent), errors
 
 
-def _of_vertices(response: Response, solution, tangent, faces) -> tuple:
+def _of_vertices(response: Response, solved, faces) -> tuple:
     """Return fields of the Information about vertices, and the errors (k, k) by name.
 
     Some of them a bound holds, by the ground: these vary by LEAST_DEVIATION.
@@ -89,14 +86,14 @@ def _of_vertices(response: Response, solution, tangent, faces) -> tuple:
     linearisation.job.deadline.check()
     floor = LEAST_DEVIATION**2 * np.eye(len(C))
     errors = errors_by_name(response) | {"active bounds": floor}
-    covariance, V = summed(errors), solution.values["theta"].T
+    covariance, V = summed(errors), solved.solution.values["theta"].T
     path = trajectory_variance(linearisation, (centroid(V), slope_of_centroid(V)))
     missing = int(np.count_nonzero(faces == 0))
     words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
     negative = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
     fields = {
         "matrix": np.linalg.inv(C + floor), "covariance_matrix": covariance,
-        "modes": one_mode(solution.objective, covariance), "unobserved": words,
+        "modes": one_mode(solved.solution.objective, covariance), "unobserved": words,
         "directions": np.zeros((len(C), 0)), "path": np.sqrt(path),
         "indefinite": ("vertices",) if negative else (),
     }  # fmt: skip

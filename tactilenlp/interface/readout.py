@@ -204,16 +204,12 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
 
     faces: how many samples touched each; modes: other local optima of the same page.
     """
-    solution = solved.solution
     try:
-        kkt = kkt_system_of(solved.problem, solution, job.deadline)
+        kkt = kkt_system_of(solved.problem, solved.solution, job.deadline)
         job.deadline.check()
         linearisation = Linearisation(kkt, job, solved.window)
         optima = [] if job.shape.last_pose_held else [mode.optimum for mode in modes]
-        return information_of(
-            linearisation, solution, solved.tangent, faces=faces, others=optima,
-            profile=solved.profile,
-        )  # fmt: skip
+        return information_of(linearisation, solved, faces, optima)
     except OutOfTime:
         job.deadline.omit("standard deviations")
         return prior_information(job, solved)

@@ -38,6 +38,7 @@ from ..search.solved import (
     search_settings,
 )
 from ..solvers.solution import Solution, after
+from .certification import restore_reductions
 from .incremental import (
     UPDATE_MU,
     continues,
@@ -52,12 +53,12 @@ JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
-def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
+def updated(job: Job, start) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is accepted: every touch is explained, nothing jumps, the objective
-    rises by no more than an action usually adds, no certificate, by certified(solved),
-    is broken that held before, and evidence asks for as many vertices as before.
+    rises by no more than an action usually adds, no certificate is broken that held
+    before, and evidence asks for as many vertices as before.
     Otherwise all actions are to be solved again, and the better result kept. None where
     `start` is no such estimate.
     """
@@ -73,9 +74,9 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
         return cheap and solved.solution.success and not implausible(solved)
 
     if not good(solved):
-        solved = _better(solved, continued(job, solved))
+        solved = _continued(solved)
     if good(solved):
-        solved = certified(solved)
+        solved = restore_reductions(solved)
         before = {s.name for s in start.skipped if not s.holds}
         holds = {*solved.certificates.broken} <= before
         if holds and has_likely_count(job, solved.at):
@@ -97,13 +98,14 @@ def repaired(solves, update=None) -> list[Solved]:
     best, *others = solves
     if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _better(best, continued(best.job, best))
+        best = _continued(best)
     solves = [best, *others]
     return solves if update is None else best_first([*solves, update])
 
 
-def _better(solved: Solved, again: Solved | None) -> Solved:
-    """Return the better of two solves, the first one if there is no other."""
+def _continued(solved: Solved) -> Solved:
+    """Return a solve, or the one that its continuation leads to, if that is better."""
+    again = continued(solved.job, solved)
     return solved if again is None else min(solved, again, key=lambda s: s.rank)
 
 

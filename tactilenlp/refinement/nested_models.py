@@ -23,9 +23,9 @@ from scipy.optimize import minimize
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import TOUCH_TERM
 
-from ..data.sensor_noise import variance_left
-from ..information.goodness_of_fit import Misfit, touch_misfit
+from ..information.goodness_of_fit import NOTHING, Misfit
 from ..information.linearisation import kkt_residual
 from ..information.mixture import occam_of
 from ..nlp.kkt import gradient, kkt_system_of
@@ -59,10 +59,8 @@ def misfit_of(solved: Solved) -> Misfit:
 
     No larger model can gain much more than the excess.
     """
-    problem, job = solved.problem, solved.job
-    x, data = solved.solution.at(problem)
-    left = variance_left(job.data, job.precision)
-    return touch_misfit(problem, x, data, solved.window, left)
+    fit = solved.fit
+    return NOTHING if fit is None else fit.terms.get(TOUCH_TERM, NOTHING)
 
 
 def needed_gain(spread: float, occam: float = DECISIVE) -> float:

@@ -145,7 +145,7 @@ class Solved:
         """What the evidence loses by vertices whose number it chooses [nats]."""
         return occam_of_hull(self.kkt) if self.job.shape.counts else 0.0
 
-    @property
+    @cached_property
     def fit(self) -> Fit | None:
         """How well it explains its data; None of a page of another touch likelihood."""
         job = self.job
