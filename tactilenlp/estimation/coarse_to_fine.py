@@ -3,7 +3,7 @@
 Search and model selection run at that rate only (1 / tracking.PERIOD): they take
 hundreds of iterations and need no more samples, and errors of the model last longer
 than a sample, so that more samples of a touch are no more evidence for a larger model.
-The optima, interpolated linearly, start the solve of all samples, which takes tens of
+The optima, interpolate linearly, start the solve of all samples, which takes tens of
 iterations (100 Hz: 118 to 46 CPU s, 200 Hz: 291 to 50; results/EXPERIMENTS.md).
 """
 
@@ -69,16 +69,16 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
     except KeyboardInterrupt:
         ends = [s.at for s in part.solves.best_first()]
         flat = [h for h in ends if is_planar(h.x)] or part.kept
-        incumbents.kept = [interpolated(h, data, rows) for h in flat]
+        incumbents.kept = [interpolate(h, data, rows) for h in flat]
         raise
-    incumbents.kept = kept = [interpolated(h, data, rows) for h in coarse.kept]
+    incumbents.kept = kept = [interpolate(h, data, rows) for h in coarse.kept]
     if (coarse_best := coarse.best) is None:
-        starts = [interpolated(h, data, rows) for h in coarse.starts]
+        starts = [interpolate(h, data, rows) for h in coarse.starts]
         return replace(coarse, kept=kept, starts=starts)
     made = {name: getattr(coarse_best.job.reductions, name) for name in SELECTED}
     job = as_found(request.job, coarse_best.job).with_reductions(**made)
     dense = replace(request, job=job)
-    starts = [interpolated(s.at, data, rows) for s in (coarse_best, *coarse.modes)]
+    starts = [interpolate(s.at, data, rows) for s in (coarse_best, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
     job, solves = dense.job_until(REFINEMENT_END), incumbents.solves.part()
     with job.deadline.ending(OTHER_SOLVES):
@@ -110,7 +110,7 @@ def coarse_request(request: Request, rows) -> Request:
     return replace(from_scratch(request), data=data, job=job)
 
 
-def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
+def interpolate(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
     """Return a hypothesis at all samples, x (unknowns, samples), linear between rows.
 
     h: at the first of the rows; before the first one of an action the body rests.

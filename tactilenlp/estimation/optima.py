@@ -21,8 +21,8 @@ from ..refinement.certification import (
     solve_other_motions,
     with_profiles,
 )
-from ..refinement.incremental import continues, of_whole_actions, updated_by_few
-from ..refinement.incremental_polytope import repaired
+from ..refinement.incremental import continues, of_whole_actions, update_by_few_starts
+from ..refinement.incremental_polytope import continue_if_implausible
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.newton_steps import (
@@ -44,7 +44,7 @@ from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
+from .initial_search import SEARCH_END, initial_hypotheses, reduced_job, tracked_search
 from .interrupted import Incumbents
 
 log = logging.getLogger("tactilenlp")
@@ -88,11 +88,11 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
     incumbents: Incumbents, what is left by Ctrl-C, filled; update: a rejected
     incremental update, which competes.
     """
-    optima = _of_one_search(request, incumbents, update)
+    optima = _search_once(request, incumbents, update)
     if optima.best is None:
         return optima
     if (second := _search_that_may_gain(request, optima.best)) is not None:
-        other = _of_one_search(second, Incumbents([], incumbents.solves), update)
+        other = _search_once(second, Incumbents([], incumbents.solves), update)
         optima = _better_optima(optima, other)
 
     def certify(solved: Solved) -> Solved:
@@ -101,7 +101,7 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
 
     optima = certify_best(request, optima, certify)
     sought = request.job.hypothesis is None and fits_badly(request, optima.best)
-    other = _solved_by_action(request, optima.best.job) if sought else None
+    other = _search_by_action(request, optima.best.job) if sought else None
     if other is not None and _differs(other.best, optima.solved):
         optima = _better_optima(optima, certify_best(request, other, certify))
     best = optima.best
@@ -110,31 +110,31 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
     return replace(optima, best=best)
 
 
-def _of_one_search(request, incumbents, update=None, earlier=()) -> Optima:
+def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
     """Return the optima that one search leads to, the best one not certified.
 
     incumbents: hypotheses to continue; filled, as `optima_of` says; earlier: solves of
     the same job, which compete.  Where sensors are found to be late, which the search
     took for prompt, the optima are those of a search from scratch with that latency.
     """
-    search, few, enough = _updated_by_few(request, incumbents)
+    search, few, enough = _update_by_few(request, incumbents)
     earlier = [*earlier, *few]
     if enough:
         kept = starts = [s.at for s in earlier]
     else:
-        kept, starts = searched(request, incumbents, search)
+        kept, starts = initial_hypotheses(request, incumbents, search)
     incumbents.kept, seconds = kept, incumbents.spent
-    solved = _solved_page(request, starts, incumbents, update, earlier, enough)
+    solved = _solve_page(request, starts, incumbents, update, earlier, enough)
     if solved and newly_late(request.job, solved[0].job):
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
-        other = _of_one_search(again, Incumbents([], incumbents.solves), update, solved)
+        other = _search_once(again, Incumbents([], incumbents.solves), update, solved)
         return replace(other, searched=seconds)
     return Optima(solved[0] if solved else None, solved, kept, starts, seconds)
 
 
-def _updated_by_few(request, incumbents) -> tuple:
+def _update_by_few(request, incumbents) -> tuple:
     """Return a search that was begun, solves from few starts, whether these suffice.
 
     Where a shape with sizes slid flat and its first actions fit well; noise leaves more
@@ -150,7 +150,7 @@ def _updated_by_few(request, incumbents) -> tuple:
     search = tracked_search(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()
     with job.deadline.ending("an update by few starts"):
-        enough = updated_by_few(job, start, search.first(), search.second, solves)
+        enough = update_by_few_starts(job, start, search.first(), search.second, solves)
     solved = solves.best_first()
     if solved:
         more = solved[0].solution.objective - start.objective
@@ -166,7 +166,7 @@ def _better_optima(optima: Optima, other: Optima) -> Optima:
     return replace(other, searched=optima.searched)
 
 
-def _solved_by_action(request: Request, solved: Job) -> Optima | None:
+def _search_by_action(request: Request, solved: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
@@ -184,12 +184,12 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
         if not _in_time(request):
             return None
         part = replace(request, job=as_found(job, solved))
-        optima = _of_one_search(part, Incumbents(kept))
+        optima = _search_once(part, Incumbents(kept))
         if optima.best is None:
             return None
         if doubtful and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
-            better = _better_optima(optima, _of_one_search(rough, Incumbents(kept)))
+            better = _better_optima(optima, _search_once(rough, Incumbents(kept)))
             doubtful, optima = better is not optima, better
         kept, solved = optima.carried_on(request.widths[0]), optima.best.job
     return optima
@@ -228,7 +228,7 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[Solved]:
+def _solve_page(request, starts, incumbents, update, earlier, enough) -> list[Solved]:
     """Return the page solved, best first.
 
     earlier: solves from some of the starts, and whether these are enough.  No solves if
@@ -253,7 +253,8 @@ def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[S
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_latency(solved)
         if not newly_late(request.job, solved[0].job):
-            solved = repaired(_with_larger_models(solved, solve_larger), update)
+            solved = _with_larger_models(solved, solve_larger)
+            solved = continue_if_implausible(solved, update)
     return solved or solves.best_first()
 
 

@@ -20,7 +20,7 @@ from ..interface.options import PROCESS, Guess, Options, Session
 from ..interface.readout import read_off
 from ..interface.request import Request, read_request
 from ..interface.result import Estimate
-from ..refinement.incremental_polytope import updated
+from ..refinement.incremental_polytope import update_by_one_action
 from ..refinement.model_selection import classes_of, likeliest_class
 from ..search.proposals_surface import on_poses
 from ..search.solved import Solved
@@ -127,7 +127,7 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
     """Return the estimate of a request, and the solved page that it was read from."""
     job, update, accepted = request.job_until(CERTIFICATES_END), None, False
     with job.deadline.ending("an incremental update"):
-        update, accepted = updated(job, request.start)
+        update, accepted = update_by_one_action(job, request.start)
     if accepted:
         incumbents.kept = [update.at]
         return _read_estimate(request, update, incumbents, 0.0, [update]), update

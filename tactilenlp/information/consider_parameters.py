@@ -158,7 +158,7 @@ def rounded_edges(linearisation: Linearisation) -> Doubt:
         x = kkt.x.copy()
         x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
         ends.append((x, kkt.data + side * grown))
-    return _doubted(kkt, ends, RADIUS_STEP, Prior(EDGE))
+    return _doubt_by(kkt, ends, RADIUS_STEP, Prior(EDGE))
 
 
 def late_normals(linearisation: Linearisation) -> Doubt:
@@ -173,7 +173,7 @@ def late_normals(linearisation: Linearisation) -> Doubt:
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
     ends = ends_of(kkt, job.build, later)
-    return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
+    return _doubt_by(kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
 def late_touches(linearisation: Linearisation) -> Doubt:
@@ -192,7 +192,7 @@ def late_touches(linearisation: Linearisation) -> Doubt:
         estimated = True
     shifted = fingers_earlier(linearisation.window, job.data, LAG_STEP)
     ends = ends_of(kkt, job.build, shifted)
-    doubt = _doubted(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
+    doubt = _doubt_by(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
 
@@ -210,7 +210,7 @@ def told_radius(at, finger: int) -> Doubt:
     ends = ends_of(at.kkt, at.job.build, larger)
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
     felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in at.kkt.problem.costs]
-    return _doubted(at.kkt, ends, RADIUS_STEP, prior, felt)
+    return _doubt_by(at.kkt, ends, RADIUS_STEP, prior, felt)
 
 
 def fingers_earlier(window, data, lag: float):
@@ -252,7 +252,7 @@ def ends_of(kkt: KKTSystem, build, changed) -> list:
     return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
 
 
-def _doubted(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
+def _doubt_by(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
     """Return what the touches tell of a quantity r; ends: at r = step, 0, -step."""
     b, pull, bend = derivatives(kkt.problem, ends, step, names)
     of_prior = 1 / prior.deviation**2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -60,7 +60,7 @@ def read_off(
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
     body = (read_hull if job.shape.last_pose_held else read_sized)(job, solved)
-    information = information_in_time(job, solved, body.faces, modes)
+    information = information_in_time(job, solved, body["faces"], modes)
     status = deadline.marked(solution.status)
     fit = fit_of_page(solved, job, request.data)
     if fit is not None:
@@ -73,17 +73,13 @@ def read_off(
         shape=job.shape.name,
         formulation=name_of(job.page),
         options=asdict(request.job.options),
-        position=body.position,
-        quaternion=body.quaternion,
-        body_vertices=body.vertices,
-        faces=body.faces,
         information=information,
         fit=fit,
         impulses=impulses(solved, request.data, job.scene),
         finger_offset=offsets_of(solution.values, R_wg),
         hypotheses=tuple(kept),
         versions=versions(),
-        **_solved_fields(solved) | {"status": status, "seconds": seconds},
+        **body | _solved_fields(solved) | {"status": status, "seconds": seconds},
     )
 
 
@@ -134,40 +130,29 @@ def _solved_fields(solved) -> dict:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class BodyReadout:
-    """Where a body is: (T, 3) [m], (T, 4) wxyz; vertices (V, 3) [m], body frame.
-
-    faces: how many samples touched each.
-    """
-
-    position: np.ndarray
-    quaternion: np.ndarray
-    vertices: np.ndarray
-    faces: np.ndarray
+def read_sized(job, solved) -> dict:
+    """Return the fields of an Estimate about the body of a shape with sizes."""
+    theta, x, shape = solved.at.theta, poses_at_samples(job, solved.at.x), job.shape
+    p, q = poses(shape, solved.window.motion, theta, x, job.scene.ground)
+    surface, faces = body_surface(shape, theta), solved.touched
+    return {"position": p, "quaternion": q, "body_vertices": surface, "faces": faces}
 
 
-def read_sized(job, solved) -> BodyReadout:
-    """Return the body of a shape with sizes."""
-    theta, x, shape = solved.at.theta, moved_on(job, solved.at.x), job.shape
-    where = poses(shape, solved.window.motion, theta, x, job.scene.ground)
-    return BodyReadout(*where, body_surface(shape, theta), solved.touched)
-
-
-def read_hull(job, solved) -> BodyReadout:
-    """Return the body of a polytope.
+def read_hull(job, solved) -> dict:
+    """Return the fields of an Estimate about the body of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
-    V, x = solved.solution.values["theta"].T, moved_on(job, solved.at.x)
+    V, x = solved.solution.values["theta"].T, poses_at_samples(job, solved.at.x)
     middle, R_wg = centroid(V), frame_of(job.scene.ground).rotation.T
-    position, turn = hull_poses(job.scene, x, middle)
+    p, turn = hull_poses(job.scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     # Faces of the vertices that the estimate has: which facets make one face, and the
     # order of faces, depend on the frame.
     outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
     faces = touched_polygons(solved.window, V, outlines, x, job.precision.normal)
-    return BodyReadout(position, quaternion_of(turn), vertices, faces)
+    q = quaternion_of(turn)
+    return {"position": p, "quaternion": q, "body_vertices": vertices, "faces": faces}
 
 
 def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:
@@ -191,7 +176,7 @@ def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:
     return np.count_nonzero((alike > facing) | (alike >= best), axis=1)
 
 
-def moved_on(job, x) -> np.ndarray:
+def poses_at_samples(job, x) -> np.ndarray:
     """Return poses x (unknowns, T) at the samples, which are those of late sensors.
 
     What late sensors tell of a sample was so before it, by their latency.

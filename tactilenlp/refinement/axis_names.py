@@ -74,7 +74,7 @@ def with_named_axes(solved, like) -> Solved:
         return solved
     if job.deadline.passed("the order of a box's axes"):
         return solved
-    again = warm_started(job, _renamed(job.shape, solved, order, S))
+    again = warm_started(job, _with_renamed_axes(job.shape, solved, order, S))
     return again if again.rank <= solved.rank else solved
 
 
@@ -102,7 +102,7 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     return [h for pair in zip(*kept, strict=True) for h in pair]
 
 
-def _renamed(shape, solved, order, S) -> Solved:
+def _with_renamed_axes(shape, solved, order, S) -> Solved:
     """Return a solve with other names of the axes, to start from.
 
     Ground contacts are listed by corner, the same ones at each step.

@@ -20,7 +20,7 @@ from ..search.proposals_tumble import recovered
 from ..search.solved import Solved
 from .newton_steps import with_ground_tilt
 from .profile_likelihood import PROFILE_MU, profile_deviations
-from .tilt import explained, with_tilt
+from .tilt import explains_touches, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -37,7 +37,7 @@ def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
     if tilted is not flat:
         tilted = with_ground_tilt([tilted])[0]
     fell = "planar" in flat.certificates.broken and not states_planar_motion(job.page)
-    fell = fell and (tilted is flat or not explained(tilted))
+    fell = fell and (tilted is flat or not explains_touches(tilted))
     if fell and job.shape.faced and not job.deadline.passed("a tumble"):
         tumbled = _solve_tumbles(job, flat, executor)
         if tumbled.rank < tilted.rank:

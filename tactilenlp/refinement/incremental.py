@@ -73,7 +73,7 @@ def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
     return transferred(past.with_window(window), built)
 
 
-def updated_by_few(
+def update_by_few_starts(
     job: Job, start, first: Sequence[Hypothesis], second: Callable[[], Hypothesis],
     solves: Solves,
 ) -> bool:  # fmt: skip

@@ -53,7 +53,7 @@ JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
-def updated(job: Job, start) -> tuple[Solved | None, bool]:
+def update_by_one_action(job: Job, start) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is accepted: every touch is explained, nothing jumps, the objective
@@ -90,7 +90,7 @@ def updated(job: Job, start) -> tuple[Solved | None, bool]:
     return solved, False
 
 
-def repaired(solves, update=None) -> list[Solved]:
+def continue_if_implausible(solves, update=None) -> list[Solved]:
     """Return solves, best first; the best is solved again where it is implausible.
 
     update: the result of a rejected update, which competes, if there is one.

@@ -81,11 +81,11 @@ def with_nuisance_parameters(solves, solve) -> list[Solved]:
     """
     for name, nuisance in NUISANCES.items():
         if fixes(solves[0].job, name) and solves[0].solution.success:
-            solves = _with(name, nuisance, solves, solve)
+            solves = _with_nuisance(name, nuisance, solves, solve)
     return solves
 
 
-def _with(name, nuisance, solves, solve) -> list[Solved]:
+def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
     """Return solves, one nuisance parameter free if the data ask for it."""
     best, *others = solves
     job, touches = best.job, misfit_of(best)
@@ -107,7 +107,7 @@ def _with(name, nuisance, solves, solve) -> list[Solved]:
         return solves
     if nuisance.unknown == TURN and job.shape.faced:
         freed = _with_open_height(larger, freed)
-    gain, needed = _compared(best, freed[0], nuisance, touches.spread)
+    gain, needed = _gain_and_need(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
         return [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
@@ -132,14 +132,14 @@ def without_needless(solved: Solved) -> Solved:
         if wald(solved, nuisance.unknown) > _needed(solved, nuisance, spread):
             continue
         smaller = warm_started(fixed, solved, FREED_MU)
-        gain, needed = _compared(smaller, solved, nuisance, spread)
+        gain, needed = _gain_and_need(smaller, solved, nuisance, spread)
         if smaller.solution.success and gain <= needed:
             log.info("%s is needless: %.1f nats", nuisance.dropped, gain)
             solved = declined(smaller, name, gain, needed)
     return solved
 
 
-def _compared(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
+def _gain_and_need(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
     """Return what a larger model gains, and what it must: both in nats."""
     gain, needed = gain_of(smaller, larger), needed_gain(spread, occam=0.0)
     if gain > needed:
