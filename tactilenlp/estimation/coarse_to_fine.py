@@ -72,6 +72,7 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
         incumbents.kept = [interpolate(h, data, rows) for h in flat]
         raise
     incumbents.kept = kept = [interpolate(h, data, rows) for h in coarse.kept]
+    incumbents.searched = part.searched
     if (coarse_best := coarse.best) is None:
         starts = [interpolate(h, data, rows) for h in coarse.starts]
         return replace(coarse, kept=kept, starts=starts)
@@ -85,9 +86,9 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
         multistart(job, starts, job.page.LEVELS, solves=solves)
     solved = solves.best_first()
     if not solved:
-        return Optima(None, [], kept, starts, coarse.searched)
+        return Optima(None, [], kept, starts)
     solved = with_latency(solved)  # more samples tell more of it
-    optima = Optima(None, solved, kept, starts, coarse.searched)
+    optima = Optima(None, solved, kept, starts)
     optima = certify_best(dense, optima, partial(_certify_dense, coarse_best))
     declined, profile = coarse_best.declined, coarse_best.profile
     best = replace(optima.best, declined=declined, profile=profile)

@@ -12,6 +12,8 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
@@ -58,14 +60,18 @@ class Optima:
 
     best: the most probable optimum, certified, None if the time limit came first;
     solved: all optima, best first; kept: hypotheses of the search, for the next action;
-    starts: those that the page was solved from; searched: CPU seconds of the search.
+    starts: those that the page was solved from.
     """
 
     best: Solved | None
     solved: list[Solved]
     kept: list[Hypothesis]
     starts: list[Hypothesis]
-    searched: float
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The key to sort by: that of the best one."""
+        return (True, np.inf) if self.best is None else self.best.rank
 
     @property
     def modes(self) -> list[Solved]:
@@ -93,7 +99,7 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
         return optima
     if (second := _search_that_may_gain(request, optima.best)) is not None:
         other = _search_once(second, Incumbents([], incumbents.solves), update)
-        optima = _better_optima(optima, other)
+        optima = min(optima, other, key=lambda o: o.rank)
 
     def certify(solved: Solved) -> Solved:
         flat = restore_reductions(solved)
@@ -103,7 +109,8 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
     sought = request.job.hypothesis is None and fits_badly(request, optima.best)
     other = _search_by_action(request, optima.best.job) if sought else None
     if other is not None and _differs(other.best, optima.solved):
-        optima = _better_optima(optima, certify_best(request, other, certify))
+        other = certify_best(request, other, certify)
+        optima = min(optima, other, key=lambda o: o.rank)
     best = optima.best
     with best.job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
@@ -123,15 +130,14 @@ def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
         kept = starts = [s.at for s in earlier]
     else:
         kept, starts = initial_hypotheses(request, incumbents, search)
-    incumbents.kept, seconds = kept, incumbents.spent
+    incumbents.kept, incumbents.searched = kept, incumbents.spent
     solved = _solve_page(request, starts, incumbents, update, earlier, enough)
     if solved and newly_late(request.job, solved[0].job):
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
-        other = _search_once(again, Incumbents([], incumbents.solves), update, solved)
-        return replace(other, searched=seconds)
-    return Optima(solved[0] if solved else None, solved, kept, starts, seconds)
+        return _search_once(again, Incumbents([], incumbents.solves), update, solved)
+    return Optima(solved[0] if solved else None, solved, kept, starts)
 
 
 def _update_by_few(request, incumbents) -> tuple:
@@ -159,13 +165,6 @@ def _update_by_few(request, incumbents) -> tuple:
     return search, solved, enough
 
 
-def _better_optima(optima: Optima, other: Optima) -> Optima:
-    """Return the better of two; the seconds are those of the first search."""
-    if other.best is None or other.best.rank >= optima.best.rank:
-        return optima
-    return replace(other, searched=optima.searched)
-
-
 def _search_by_action(request: Request, solved: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
@@ -189,8 +188,9 @@ def _search_by_action(request: Request, solved: Job) -> Optima | None:
             return None
         if doubtful and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
-            better = _better_optima(optima, _search_once(rough, Incumbents(kept)))
-            doubtful, optima = better is not optima, better
+            other = _search_once(rough, Incumbents(kept))
+            doubtful = other.rank < optima.rank
+            optima = other if doubtful else optima
         kept, solved = optima.carried_on(request.widths[0]), optima.best.job
     return optima
 

@@ -130,7 +130,7 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
         update, accepted = update_by_one_action(job, request.start)
     if accepted:
         incumbents.kept = [update.at]
-        return _read_estimate(request, update, incumbents, 0.0, [update]), update
+        return _read_estimate(request, update, incumbents, [update]), update
     rows = coarse_rows(request)
     if rows is None:
         optima = optima_of(request, incumbents, update)
@@ -139,14 +139,15 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
     if optima.best is None:
         return not_solved(request, optima.starts, incumbents.spent)
     incumbents.kept = optima.carried_on(request.widths[0])
-    best, searched = optima.best, optima.searched
-    return _read_estimate(request, best, incumbents, searched, optima.modes), best
+    return _read_estimate(request, optima.best, incumbents, optima.modes), optima.best
 
 
-def _read_estimate(request, best, incumbents, searched: float, modes) -> Estimate:
-    """Return the estimate read from the best page; searched [s] of CPU time."""
-    deadline = request.job.deadline
-    seconds = best.solution.seconds | {"search": searched, "total": incumbents.spent}
-    seconds |= {"compilation": deadline.spent.get("compilation", 0.0)}
-    deadline = deadline.until(deadline.at, strict=True)
-    return read_off(request, best, incumbents.kept, seconds, deadline, modes)
+def _read_estimate(request, best, incumbents, modes) -> Estimate:
+    """Return the estimate read from the best page."""
+    deadline, kept = request.job.deadline, incumbents.kept
+    seconds = best.solution.seconds | {
+        "search": incumbents.searched, "total": incumbents.spent,
+        "compilation": deadline.spent.get("compilation", 0.0),
+    }  # fmt: skip
+    strict = deadline.until(deadline.at, strict=True)
+    return read_off(request, best, kept, seconds, strict, modes)

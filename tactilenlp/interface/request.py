@@ -55,20 +55,15 @@ class Request:
     executor: object = None
     axes: tuple | None = None
 
-    def time_at(self, share: float) -> float:
-        """Return when a share of the time until the readout is over, [s].
-
-        Of time.monotonic(); the rest is the readout's, at most a third.
-        """
-        limit = self.job.options.time_limit
-        reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
-        whole = limit - min(reserve, limit / 3)
-        return self.job.deadline.before_end(limit - share * whole)
-
     def job_until(self, share: float, strict: bool = True) -> Job:
-        """Return the job with an earlier deadline (time_at), at which a solve ends."""
-        deadline = self.job.deadline.until(self.time_at(share), strict)
-        return replace(self.job, deadline=deadline)
+        """Return the job with an earlier deadline, at which a solve ends.
+
+        share [-]: of the time until the readout, which takes a third at most.
+        """
+        limit, deadline = self.job.options.time_limit, self.job.deadline
+        reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
+        end = deadline.before_end(limit - share * (limit - min(reserve, limit / 3)))
+        return replace(self.job, deadline=deadline.until(end, strict))
 
     @property
     def widths(self) -> tuple[int, int]:
