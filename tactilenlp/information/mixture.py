@@ -60,14 +60,11 @@ class LocalOptimum(NamedTuple):
     window: object = None
 
 
-def optimum_of(kkt: KKTSystem, at: TangentSpace, solution, window) -> LocalOptimum:
-    """Return where a solve ended, with the covariance by the Hessian.
-
-    at: the coordinates of shape and final pose there.
-    """
-    C = kkt.marginal(at.chosen)
-    C = at.jacobian @ ((C + C.T) / 2) @ at.jacobian.T
-    return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
+def optimum_of(kkt: KKTSystem, tangent: TangentSpace, solution, window) -> LocalOptimum:
+    """Return where a solve ended, with the covariance by the Hessian."""
+    C, J = kkt.marginal(tangent.chosen), tangent.jacobian
+    C = J @ ((C + C.T) / 2) @ J.T
+    return LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
 
 
 @printed
