@@ -18,7 +18,7 @@ from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
-from ..problem.certificates import Certificates, certify
+from ..problem.certificates import certify
 from ..refinement.nested_models import NUISANCES
 from ..refinement.newton_steps import as_found, with_latency
 from ..refinement.refinement import from_scratch
@@ -137,11 +137,10 @@ def _certify_dense(coarse: Solved, solved) -> Solved:
     Rest is certified at the lower rate: at the full one, what the balance of the first
     moving step leaves is a large force on the pose before.
     """
-    job = solved.job
-    if job.deadline.passed("certificates"):
-        return replace(solved, certificates=Certificates(()))
+    if solved.job.deadline.passed("certificates"):
+        return solved
     still = [s for s in coarse.certificates.skipped if s.name == "still"]
-    return replace(solved, certificates=certify(job, solved, *still))
+    return replace(solved, certificates=certify(solved.job, solved, *still))
 
 
 def _at_rows(data: Measurements, rows) -> Measurements:

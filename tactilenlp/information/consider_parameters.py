@@ -68,6 +68,19 @@ class Prior(NamedTuple):
     none: float = 1.0
 
 
+class Considered(NamedTuple):
+    """What the touches tell of a quantity that the page takes as given.
+
+    mean: where it is likeliest, against that; sigma: its standard deviation; both in
+    [m] of edges and radii, in [s] of late sensors; probability [-] that it is not as
+    given.
+    """
+
+    mean: float
+    sigma: float
+    probability: float
+
+
 @dataclass(frozen=True, eq=False)
 class Doubt:
     """What is known of a quantity r from where the page takes it, mostly from zero.
@@ -89,6 +102,11 @@ class Doubt:
         return self.information * self.mean**2 / 2
 
     @property
+    def considered(self) -> Considered:
+        """What the touches tell of r."""
+        return Considered(self.mean, self.information**-0.5, 1 / (1 + self.none))
+
+    @property
     def squared(self) -> float:
         """E[r^2]."""
         second = (1 / self.information + self.mean**2) / (1 + self.none)
@@ -102,27 +120,6 @@ class Doubt:
         """
         moves = velocities - by_gradient.T @ self.slope
         return self.squared * np.outer(moves, moves)
-
-
-class Considered(NamedTuple):
-    """What the touches tell of a quantity that the page takes as given.
-
-    mean: where it is likeliest, against that; sigma: its standard deviation; both in
-    [m] of edges and radii, in [s] of late sensors; probability [-] that it is not as
-    given.
-    """
-
-    mean: float
-    sigma: float
-    probability: float
-
-
-def in_numbers(doubts: dict[str, Doubt]) -> dict[str, Considered]:
-    """Return what the touches tell of each quantity, by name."""
-    return {
-        name: Considered(d.mean, d.information**-0.5, 1 / (1 + d.none))
-        for name, d in doubts.items()
-    }
 
 
 def doubts_of(linearisation: Linearisation) -> dict[str, Doubt]:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..geometry.convex_hull import centroid
 from ..nlp.kkt import KKTSystem
-from .consider_parameters import in_numbers
 from .error_budget import errors_by_name, summed, variances_by_name
 from .error_budget_terms import beyond_mixture
 from .information import LEAST_DEVIATION, Information
@@ -51,7 +50,7 @@ def information_of(linearisation: Linearisation, solved, faces, others) -> Infor
     return Information(
         names=tangent.names, parts=parts, roles=roles, maps=tangent.maps,
         fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous, ground=ground,
-        considered=in_numbers(linearisation.doubts),
+        considered={name: d.considered for name, d in linearisation.doubts.items()},
         budget=variances_by_name(errors, tangent.maps), **fields,
     )  # fmt: skip
 

@@ -62,7 +62,9 @@ def read_off(
     body = (read_hull if job.shape.last_pose_held else read_sized)(job, solved)
     information = information_in_time(job, solved, body["faces"], modes)
     status = deadline.marked(solution.status)
-    fit = fit_of_page(solved, job, request.data)
+    fit = with_doubts(solved.fit, solved.skipped)
+    if solution.success:
+        fit = with_suspicion(fit, job, request.data)
     if fit is not None:
         if NOT_COMPUTED in information.unobserved:  # sigma is that of the prior
             fit = replace(fit, widening=1.0)
@@ -81,12 +83,6 @@ def read_off(
         versions=versions(),
         **body | _solved_fields(solved) | {"status": status, "seconds": seconds},
     )
-
-
-def fit_of_page(solved, job, measured):
-    """Return the Fit of a solved page, if it states one; measured: as it was given."""
-    fit = with_doubts(solved.fit, solved.skipped)
-    return with_suspicion(fit, job, measured) if solved.solution.success else fit
 
 
 def with_doubts(fit, skipped):

@@ -138,9 +138,16 @@ def _size_of_hull(estimate) -> str:
 
 def named_size(name: str, value: float, sigma: float) -> tuple[str, str]:
     """Return a size in words, in mm unless its name ends with another unit."""
-    word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (MM_PER_M, "mm")
+    word, scale, unit = _unit_of(name)
     return word, f"{value * scale:.2f} ± {sigma * scale:.2f} {unit}"
+
+
+def _unit_of(name: str) -> tuple[str, float, str]:
+    """Return the name of a number without its unit, how many of this are one of SI."""
+    word, bracket, unit = name.partition(" [")
+    if bracket:
+        return word, 1.0, unit[:-1]
+    return (word, 180 / np.pi, "deg") if "rotation" in word else (word, MM_PER_M, "mm")
 
 
 def yaw_of(estimate) -> float:
@@ -239,12 +246,9 @@ def optima_in_words(information) -> list[str]:
 
 def _larger(name: str, by: float) -> str:
     """Return in words by what a number differs: in the unit of its name, [m], [rad]."""
-    name, _, unit = name.partition(" [")
-    scale, words = (180 / np.pi, "deg") if "rotation" in name else (1e3, "mm")
-    if unit:
-        scale, words = 1.0, unit[:-1]
+    word, scale, unit = _unit_of(name)
     way = "larger" if by > 0 else "smaller"
-    return f"{name} is {abs(by) * scale:.1f} {words} {way}"
+    return f"{word} is {abs(by) * scale:.1f} {unit} {way}"
 
 
 def whole_percentages(probabilities) -> list[int]:
