@@ -241,9 +241,9 @@ def test_the_face_that_a_body_stands_on_is_known_on_ground_that_leans():
 
 def test_a_finger_off_its_face_is_off_in_that_touch_alone(programme, kkt):
     data, window = programme.job.data, programme.window
-    (samples, finger), touch = touches(window, data)[0], window.touch
-    mine = np.isin(touch.sample, samples) & (touch.finger == finger)
-    p_wf = touch.p_wf + 2e-3 * mine[:, None] * touch.normal
+    touch, first = window.touch, np.zeros(len(window.touch))
+    first[next(iter(touches(window, data).values()))] = 1.0
+    p_wf = touch.p_wf + 2e-3 * first[:, None] * touch.normal
     moved = replace(window, touch=replace(touch, p_wf=p_wf))
     before = gaps_of_touches(kkt, window, data)
     after = gaps_of_touches(kkt, moved, data)

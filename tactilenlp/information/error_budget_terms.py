@@ -94,10 +94,10 @@ def negative_curvature(C) -> np.ndarray:
     return positive_part(-C)
 
 
-def positive_part(M) -> np.ndarray:
-    """Return the positive part of a symmetric matrix: no term reduces errors."""
+def positive_part(M, least: float = 0.0) -> np.ndarray:
+    """Return a symmetric matrix without eigenvalues below the least."""
     values, vectors = np.linalg.eigh((M + M.T) / 2)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return (vectors * np.maximum(values, least)) @ vectors.T
 
 
 def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:

@@ -47,6 +47,7 @@ from formulations.between_actions import CAUCHY, GAP
 from formulations.names import FREE_TERM, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 from ..data.contact_segments import gaps_near_touches, lone_touches
+from .measurement_noise import touches
 from .trajectory import moved_between, moved_farther
 
 PHYSICS_ROW = "physics"  # the row of all terms of that role
@@ -182,10 +183,10 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     if TOUCH_TERM not in problem.costs or TOUCH_SCALE not in problem.parameters:
         return None
     x, data = solution.at(problem)
-    terms, touches = {}, ()
+    terms, misfits = {}, ()
     if len(window.touch):
         costs, terms[TOUCH_TERM] = _of_touches(problem, x, data, window, smoothing)
-        touches = _by_touch(*costs, window, measurements)
+        misfits = _by_touch(*costs, window, measurements)
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
         (alpha,) = data[problem.parameters["alpha"].span]
@@ -195,12 +196,12 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     poses, total = problem.unpack(x)["x"], sum(terms.values(), start=NOTHING)
     if len(window.gap):
         terms[BETWEEN_ACTIONS] = _largest_motion(poses, window)
-    if not window.compliant and (n := len(touches)):
+    if not window.compliant and (n := len(misfits)):
         laws = problem.costs_of(PHYSICS_ROW)
         cost = sum(float(problem.value(name, x, data).sum()) for name in laws)
         terms[PHYSICS_ROW] = Misfit(cost, n, n**0.5)
     verdict, widening = verdict_of(total, *(terms[n] for n in BESIDES if n in terms))
-    fit = Fit(verdict, terms, touches, widening)
+    fit = Fit(verdict, terms, misfits, widening)
     lost = f"the body moved {1e3 * LOST:g} mm between actions"
     return fit.doubted(lost) if moved_farther(poses, window, LOST) else fit
 
@@ -225,12 +226,10 @@ def _largest_motion(x, window) -> Misfit:
 
 def _by_touch(cost, mean, variance, window, measurements) -> tuple:
     """Return the TouchMisfit of every finger in every action, the worst first."""
-    touch, misfits = window.touch, []
-    felt = np.stack([measurements.action[touch.sample], touch.finger], axis=1)
-    for pair in np.unique(felt, axis=0):
-        rows = (felt == pair).all(axis=1)
-        misfit = _misfit(cost[rows], mean[rows], variance[rows])
-        misfits.append(TouchMisfit(*pair.tolist(), misfit))
+    misfits = [
+        TouchMisfit(*of, _misfit(cost[rows], mean[rows], variance[rows]))
+        for of, rows in touches(window, measurements).items()
+    ]
     return tuple(sorted(misfits, key=lambda t: -t.misfit.excess))
 
 

@@ -191,7 +191,8 @@ def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     turn = min(turn, residual_of_normals(kkt, window) ** 2)
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
-    whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
+    felt = along[:, window.touch.sample, window.touch.finger]
+    whole = [felt[:, rows].sum(axis=1) for rows in touches(window, data).values()]
     whole = np.reshape(whole, (len(whole), k)).T
     off = gaps_of_touches(kkt, window, data).max(initial=0.0)
     # Two that disagree share it.
@@ -201,13 +202,13 @@ def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     return noise + apart * whole @ whole.T
 
 
-def touches(window, data) -> list:
-    """Return (samples, finger) of every touch: a finger's in an action."""
-    touch, samples_of = window.touch, {}
-    actions = data.action[touch.sample]
-    for sample, finger, action in zip(touch.sample, touch.finger, actions, strict=True):
-        samples_of.setdefault((action, finger), []).append(sample)
-    return [(np.array(samples), finger) for (_, finger), samples in samples_of.items()]
+def touches(window, data) -> dict[tuple[int, int], list[int]]:
+    """Return the rows of window.touch of every touch, by action and finger."""
+    touch, rows_of = window.touch, {}
+    keys = zip(data.action[touch.sample].tolist(), touch.finger.tolist(), strict=True)
+    for row, key in enumerate(keys):
+        rows_of.setdefault(key, []).append(row)
+    return rows_of
 
 
 def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
@@ -228,10 +229,10 @@ def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
         gap = gap + inside[:, 0]
     else:  # compliance that is estimated may stand for another error of the fingers
         gap = gap + np.ravel(values.get(DEPTH_OF_TOUCH, 0.0))[0]
-    off = []
-    for samples, finger in touches(window, data):
-        rows = (touch.finger == finger) & np.isin(touch.sample, samples)
-        off.append(abs(np.median(gap[rows])) if len(samples) >= KNOWN_FACE else 0.0)
+    off = [
+        abs(np.median(gap[rows])) if len(rows) >= KNOWN_FACE else 0.0
+        for rows in touches(window, data).values()
+    ]
     return np.array(off)
 
 

@@ -155,13 +155,9 @@ def unexplained_touches(solved: Solved) -> int:
     problem, window = solved.problem, solved.window
     if TOUCH_TERM not in problem.terms:
         return 0
-    keys = zip(window.touch.sample, window.touch.finger, strict=True)
     costly = unexplained(problem, window, *solved.solution.at(problem))
-    wrong = dict(zip(keys, costly, strict=True))
-    wholes = touches(window, solved.job.data)
-    return sum(
-        sum(wrong[t, f] for t in samples) >= MIN_OF_TOUCH for samples, f in wholes
-    )
+    rows_of = touches(window, solved.job.data).values()
+    return sum(costly[rows].sum() >= MIN_OF_TOUCH for rows in rows_of)
 
 
 def new_action_alone(job: Job, past: Solved, about) -> Solved:
