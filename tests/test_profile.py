@@ -56,8 +56,8 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
         other = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
         return Point(step, rise, solve(replace(AT, objective=rise, **other)))
 
-    profile = Profile(solve_held, solve(AT), 0, PRIOR, felt, seeks, cost)
-    off, better = profile.deviation(sharp, sharp)
+    profile = Profile(solve(AT), 0, PRIOR, felt, seeks, cost)
+    off, better = profile.deviation(solve_held, sharp, sharp)
     assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
 

@@ -41,15 +41,12 @@ class Point(NamedTuple):
 class Profile:
     """A profile of one of the sizes and unknowns of the final pose (k,).
 
-    solve(step, start, direction, touched): the Point at a step, from the one before, or
-    None; direction (unknowns,): by how much they change [1/m]; touched (2,): samples on
-    both faces of a size, of which those touched stay, or None.
     best: the solve at the optimum; axis: which one; prior [m]: the most that it may be
-    off; touched: None of a pose; seeks: whether a lower objective ends the profile;
-    cost(change [m]) of a size that a touch leaves open: what the prior adds [nats].
+    off; touched (2,): samples on both faces of a size, None of a pose; seeks: whether a
+    lower objective ends the profile; cost(change [m]) of a size that a touch leaves
+    open: what the prior adds [nats].
     """
 
-    solve: Callable
     best: Solved
     axis: int
     prior: float
@@ -62,9 +59,12 @@ class Profile:
         """The rise of the objective [nats] at which the profile ends."""
         return PROFILE_RISE / 2 if self.touched is None else PROFILE_RISE
 
-    def deviation(self, direction, off):
+    def deviation(self, solve_held, direction, off):
         """Return by how much sizes and final pose are off (k,) where this one is.
 
+        solve_held(step, start, direction, touched): the Point at a step, from the one
+        before, or None; direction (unknowns,): by how much they change [1/m]; touched
+        (2,): samples on both faces of a size, of which those touched stay, or None.
         direction, off: what all unknowns, and sizes and final pose (k,), do by the
         Hessian where it is off by a deviation, SI. The Hessian's deviation is kept
         where it is large, where there is no profile, and of an untouched size or a pose
@@ -83,7 +83,7 @@ class Profile:
         first = min(first, self.prior)
         for way in (1, -1):
             solve = partial(
-                self.solve, direction=way * direction / hessian_sigma,
+                solve_held, direction=way * direction / hessian_sigma,
                 touched=touched if is_open and way > 0 else None,
             )  # fmt: skip
             least_sigma = abs((off if widest is None else widest)[axis])

@@ -82,7 +82,8 @@ def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     for profile in _profiles(solved, faces, sigma, least, seeks):
         axis = profile.axis
         way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], profile.prior)
-        deviations[axis], better = profile.deviation(way, way[chosen])
+        solve_held = partial(_solve_held, solved, chosen[axis], axis)
+        deviations[axis], better = profile.deviation(solve_held, way, way[chosen])
         if better is not None:
             return deviations, better
     return deviations, None
@@ -95,24 +96,18 @@ def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
     of the yaw of a box that no side was felt of.
     """
     job, shape, at, profiles = solved.job, solved.job.shape, solved.at, []
-    chosen = final_unknowns(solved.problem)
-
-    def profile(axis: int, *more) -> Profile:
-        solve = partial(_solve_held, solved, chosen[axis], axis)
-        return Profile(solve, solved, axis, *more)
-
     for axis, touched in enumerate(faces):
         is_open = touched.min() < KNOWN_FACE
         if is_open or sigma[axis] >= faces_sigma(job, touched):
             widest = prior_deviations(shape, at.theta)[axis]
             cost = prior_cost(shape, at, axis) if is_open else None
-            profiles.append(profile(axis, widest, touched, seeks, cost))
+            profiles.append(Profile(solved, axis, widest, touched, seeks, cost))
     if sigma[least] < KNOWN_POSITION:
         widest = shape.typical_deviation
-        profiles.append(profile(least, widest, None, seeks))
+        profiles.append(Profile(solved, least, widest, None, seeks))
     if shape.faced and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
         yaw = shape.theta + 2
-        profiles.append(profile(yaw, ANY_YAW, None, False, np.zeros_like))
+        profiles.append(Profile(solved, yaw, ANY_YAW, None, False, np.zeros_like))
     return profiles
 
 
@@ -162,9 +157,9 @@ def _solve_held(
 ) -> Point | None:
     """Return the Point at which one chosen unknown is a step [m] off, or None.
 
-    See Profile.solve.  The start moves along the direction, or, where samples touched a
-    face of a size, only that size does.  A feasible solve with a small rise is enough.
-    Poses that the page computes are unknowns here, else none is held.
+    See Profile.deviation.  The start moves along the direction, or only the size does,
+    where samples touched a face.  A feasible solve with a small rise is enough.  Poses
+    that the page computes are unknowns here, else none is held.
     """
     problem, job, latest = solved.problem, solved.job, start.solved
     x = problem.pack(latest.solution.values) + (step - start.step) * direction
