@@ -23,7 +23,7 @@ from tactilenlp.geometry.transforms import (
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import LIFTED, window_of
-from tactilenlp.problem.reductions import REDUCTIONS
+from tactilenlp.problem.reductions import REDUCTION_NAMES
 
 SHAPE = polytope(8)
 # Edges are rounded over 0.03 mm, a thirtieth of the scale of which differences take
@@ -129,7 +129,7 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None)
     free = planar_to_free(vertices.ravel(), 0 * x, SHAPE)
-    problem, window = posed(data, scene, vertices, free, without=REDUCTIONS)
+    problem, window = posed(data, scene, vertices, free, without=REDUCTION_NAMES)
     step, values = window.step, {"theta": vertices.T, "x": free[:, window.last]}
     zero = np.zeros((3, problem.variables["finger"].columns))
     hung = costs(problem, values | {"finger": zero})

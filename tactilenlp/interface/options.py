@@ -12,7 +12,7 @@ from ..common.brief import printed
 from ..common.validation import as_floats, as_number, check_types, check_whole
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
-from ..problem.reductions import REDUCTIONS, Reductions
+from ..problem.reductions import REDUCTION_NAMES, Reductions
 from ..search.hypothesis import TermFunctions
 from ..solvers.options import check_positive
 
@@ -78,8 +78,8 @@ class Options:
             )  # fmt: skip
         warnings.warn("Options(reduce=) is without=", FutureWarning, stacklevel=5)
         if isinstance(reduce, Reductions):
-            return [name for name in REDUCTIONS if not getattr(reduce, name)]
-        return REDUCTIONS if reduce is False else reduce
+            return [name for name in REDUCTION_NAMES if not getattr(reduce, name)]
+        return REDUCTION_NAMES if reduce is False else reduce
 
     @property
     def reductions(self) -> Reductions:

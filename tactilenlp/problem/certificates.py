@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from formulations.names import FINGER, FREE_TERM, GROUND
 
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
-from .reductions import REDUCTIONS
+from .reductions import REDUCTION_NAMES
 from .static_friction import rest_force
 from .unreduced import unreduced
 
@@ -36,7 +36,7 @@ class Skipped:
     holds: bool
 
     def __str__(self) -> str:
-        named = self.name in REDUCTIONS
+        named = self.name in REDUCTION_NAMES
         remedy = f' (Options(without="{self.name}") does not make it)' if named else ""
         verdict = "holds" if self.holds else f"DOES NOT HOLD{remedy}"
         return (

@@ -58,16 +58,18 @@ class Reductions:
         """Return all reductions but one, or some, by name; OptionError of others."""
         many = isinstance(without, (tuple, list, set, frozenset))
         off = tuple(without) if many else (without,)
-        if unknown := [n for n in off if not isinstance(n, str) or n not in REDUCTIONS]:
+        if unknown := [
+            n for n in off if not isinstance(n, str) or n not in REDUCTION_NAMES
+        ]:
             raise OptionError(
                 "no names of reductions", where="without", got=unknown,
-                expected=f"names among {[*REDUCTIONS]}",
-                next=did_you_mean(unknown[0], REDUCTIONS),
+                expected=f"names among {[*REDUCTION_NAMES]}",
+                next=did_you_mean(unknown[0], REDUCTION_NAMES),
             )  # fmt: skip
         return cls(**dict.fromkeys(off, False))
 
 
-REDUCTIONS = tuple(field.name for field in fields(Reductions))
+REDUCTION_NAMES = tuple(f.name for f in fields(Reductions))
 
 
 def required_reductions(page, reductions: Reductions) -> Reductions:
