@@ -60,7 +60,7 @@ _HOMES = {
     "Noise": "data.noise_model",
     "face_sigma": "geometry.faces",
     "SupportingPlanes": "geometry.faces",
-    "vertex_information": "information.polytope_information",
+    "vertex_information": "information.information",
     "surface_distance": "evaluation.metrics",
     "cuboid_errors": "evaluation.metrics",
     "plot_estimate": "plotting.scene",

@@ -35,12 +35,12 @@ def believed(sides, x, deviations, hypotheses=()):
     )  # fmt: skip
 
 
-def informed(matrix, spread=None):
+def informed(matrix, covariance=None):
     """Return what stands for the information of one mode; by itself sigma is exact."""
-    spread = np.linalg.inv(matrix) if spread is None else spread
+    C = np.linalg.inv(matrix) if covariance is None else covariance
     names = NAMES if len(matrix) == len(NAMES) else WHOLE
-    modes = one_mode(0.0, spread)
-    return SimpleNamespace(names=names, matrix=matrix, spread=spread, modes=modes)
+    modes = one_mode(0.0, C)
+    return SimpleNamespace(names=names, matrix=matrix, covariance_matrix=C, modes=modes)
 
 
 VAGUELY = (5e-3, 4e-3, 3e-3, 2e-3, 2e-3, 0.1)

@@ -243,7 +243,7 @@ METHODS = {
     "covariance": lambda e, rng, k: e.information.covariance(_name(e, rng)),
     "part": lambda e, rng, k: e.information.part(_name(e, rng)),
     "correlation": lambda e, rng, k: e.information.correlation(),
-    "also": lambda e, rng, k: e.information.also,
+    "remarks": lambda e, rng, k: e.remarks,
     "of_hessian": lambda e, rng, k: e.information.of_hessian(),
     "impulses": lambda e, rng, k: e.impulses[_key(e.impulses, rng)],
     "costs": lambda e, rng, k: e.costs[_key(e.costs, rng)],

@@ -80,7 +80,7 @@ def constructors() -> tuple:
         (t.Guess, {"side_lengths": (0.05, 0.04, 0.03), "position": (0, 0), "yaw": 0.1}),
         (t.Options, fields_of(t.Options())),
         (t.Reductions, fields_of(t.Reductions())),
-        (t.Reductions.of, {"choice": ["still", "far"]}),
+        (t.Reductions.of, {"without": ["still", "far"]}),
         (t.SolverOptions, fields_of(t.SolverOptions())),
         (t.ExploreOptions, fields_of(t.ExploreOptions(centre=(0.0, 0.0)))),
         (t.Workspace, fields_of(space)),

@@ -8,14 +8,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
-from tactilenlp.refinement.axis_names import naming, turned
+from tactilenlp.refinement.axis_names import naming, with_axes
 from tactilenlp.search.hypothesis import Hypothesis, rotation_at, same
 
 
 def named(shape, h, like=None):
     """Return the hypothesis with the axes that the convention names."""
     order, S = naming(shape, h, like)
-    return replace(h, theta=h.theta[order], x=turned(h.x, S))
+    return replace(h, theta=h.theta[order], x=with_axes(h.x, S))
 
 
 def planar(theta, yaw, samples=4):

@@ -77,7 +77,9 @@ def test_other_optima_are_no_doubt_about_the_best_one_however_badly_it_fits():
     modes = Modes(np.array([0.5, 0.5]), away, np.array([np.diag(sharp**2)] * 2),
                   np.zeros(2))  # fmt: skip
     for widening in (1.0, 2.0):
-        vars(information).update(modes=modes, spread=widening**2 * modes.covariance)
+        vars(information).update(
+            modes=modes, covariance_matrix=widening**2 * modes.covariance
+        )
         fit = SimpleNamespace(widening=widening)
         body = known(**vars(BOX) | {"information": information, "fit": fit})
         believed = widened_to_sigma(np.diag(1 / sharp**2), body)

@@ -12,7 +12,7 @@ from tactilenlp.estimation import coarse_to_fine, initial_search
 from tactilenlp.estimation.coarse_to_fine import (
     at_coarse_rows,
     coarse_rows,
-    interpolated,
+    interpolate,
 )
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.multi_hypothesis import TrackedSearch
@@ -74,10 +74,10 @@ def test_poses_between_tracked_samples_are_on_the_way(dense):
     rows = coarse_rows(request_of(data))
     rng = np.random.default_rng(5)
     h = Hypothesis(np.ones(3), rng.normal(size=(3, len(rows))), 0.0, ())
-    x = interpolated(h, data, rows).x
+    x = interpolate(h, data, rows).x
     assert x.shape == (3, data.samples)
     np.testing.assert_allclose(x[:, rows], h.x)
-    np.testing.assert_allclose(at_coarse_rows(interpolated(h, data, rows), rows).x, h.x)
+    np.testing.assert_allclose(at_coarse_rows(interpolate(h, data, rows), rows).x, h.x)
     for action in range(2):
         mine = rows[data.action[rows] == action]
         first = np.flatnonzero(data.action == action)[0]

@@ -254,7 +254,7 @@ def test_a_wrong_choice_names_the_right_ones(recorded, call, expected):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"hypotheses": 0}, {"tolerance": -1.0}, {"reduce": ["stil"]}, {"time_limit": 0}],
+    [{"hypotheses": 0}, {"tolerance": -1.0}, {"without": ["stil"]}, {"time_limit": 0}],
 )
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(OptionError):

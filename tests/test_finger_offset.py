@@ -28,7 +28,7 @@ OFF = np.array([[1.5, -1.0, 0.5], [-2.0, 1.0, -0.5]]) * 1e-3  # [m]
 
 
 # Fewer hypotheses than by default: two actions are searched in a second or two.
-LEAN = Options(hypotheses=2, starts=4, rivals=False)
+LEAN = Options(hypotheses=2, starts=4, profile_likelihood=False)
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
 

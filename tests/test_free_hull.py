@@ -23,6 +23,7 @@ from tactilenlp.geometry.transforms import (
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import LIFTED, window_of
+from tactilenlp.problem.reductions import REDUCTION_NAMES
 
 SHAPE = polytope(8)
 # Edges are rounded over 0.03 mm, a thirtieth of the scale of which differences take
@@ -38,9 +39,9 @@ def slid():
     return slid_octahedron()
 
 
-def posed(data, scene, vertices, x, reduce=("planar",)):
+def posed(data, scene, vertices, x, without=("planar",)):
     """Return the problem of the joint page at vertices and poses, and its window."""
-    job = make_job(data, scene, SHAPE, Options(reduce=reduce), 0.0, page)
+    job = make_job(data, scene, SHAPE, Options(without=without), 0.0, page)
     window = window_of(job, (vertices.ravel(), x))
     problem = Problem()
     page.build(problem, window, scene, window.shape)
@@ -66,9 +67,9 @@ def costs(problem, values):
 def test_a_hull_that_slides_costs_the_same_in_free_motion(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
-    flat, window = posed(data, scene, vertices, x, reduce=("still",))
+    flat, window = posed(data, scene, vertices, x, without=("still",))
     known = values_of(flat, window, vertices, x, np.random.default_rng(1))
-    loose, opened = posed(data, scene, vertices, free, reduce=("planar", "still"))
+    loose, opened = posed(data, scene, vertices, free, without=("planar", "still"))
     assert opened.poses == window.poses
     lying = known | {"x": free[:, opened.last]}
     one, other = costs(flat, known), costs(loose, lying)
@@ -128,7 +129,7 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
     data, scene, vertices, x = slid
     scene = replace(scene, ground=None)
     free = planar_to_free(vertices.ravel(), 0 * x, SHAPE)
-    problem, window = posed(data, scene, vertices, free, reduce=False)
+    problem, window = posed(data, scene, vertices, free, without=REDUCTION_NAMES)
     step, values = window.step, {"theta": vertices.T, "x": free[:, window.last]}
     zero = np.zeros((3, problem.variables["finger"].columns))
     hung = costs(problem, values | {"finger": zero})
@@ -148,7 +149,7 @@ def test_what_falls_needs_no_impulse_and_what_hangs_does(slid):
 def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(slid):
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
-    _, flat = posed(data, scene, vertices, free, reduce=("planar", "still"))
+    _, flat = posed(data, scene, vertices, free, without=("planar", "still"))
     assert set(flat.leg) == set(flat.legs)
     assert flat.weight_share.reshape(len(flat.step), -1).sum(axis=1) == pytest.approx(
         1.0
@@ -157,7 +158,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     R = over * Rotation.from_rotvec(free[3:].T)
     tilted = np.vstack([free[:3], R.as_rotvec().T])
     tilted[2] -= (matrices(tilted)[:, 2] @ vertices.T).min(axis=1)
-    _, window = posed(data, scene, vertices, tilted, reduce=("planar", "still"))
+    _, window = posed(data, scene, vertices, tilted, without=("planar", "still"))
     at = window.step.sample[window.corner.step]
     z = (matrices(tilted)[:, 2] @ vertices.T + tilted[2][:, None])[at]
     low = z[np.arange(len(at)), window.leg]

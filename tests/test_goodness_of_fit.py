@@ -163,7 +163,9 @@ def test_a_contradiction_is_named_by_finger_and_action(touched):
     normal[every, finger] = Rotation.from_euler("z", 25, True).apply(
         normal[every, finger]
     )
-    lean = Options(hypotheses=1, starts=1, rivals=False, check_mistakes=False)
+    lean = Options(
+        hypotheses=1, starts=1, profile_likelihood=False, check_mistakes=False
+    )
     wrong = replace(data, normal=normal)
     off = solve_estimate(wrong, touched.scene, options=lean, throw=False)
     assert touched.fit.verdict == "good"

@@ -14,8 +14,8 @@ from tactilenlp.refinement.incremental import (
     of_more_samples,
     of_whole_actions,
     past_solution,
+    update_by_few_starts,
     update_limit,
-    updated_by_few,
 )
 from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.multi_hypothesis import TrackedSearch
@@ -73,11 +73,11 @@ def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
         """Update an estimate that the new action lets rise so far [nats]."""
         start = replace(estimate, objective=ends.solution.objective - risen)
         solves = Solves()
-        enough = updated_by_few(request.job, start, [best], second, solves)
+        enough = update_by_few_starts(request.job, start, [best], second, solves)
         return len(solves.ended), enough
 
     solves = Solves()
-    assert updated_by_few(request.job, estimate, [best], None, solves)
+    assert update_by_few_starts(request.job, estimate, [best], None, solves)
     (ends,) = solves.ended  # another start was not asked for
     assert after(1.0, lambda: best) == (2, True)  # another start confirms it
     assert after(1.0, lambda: off)[0] == 2
@@ -142,7 +142,7 @@ def test_an_update_that_time_ends_keeps_what_it_has_solved(asked, estimate):
         raise OutOfTime
 
     with pytest.raises(OutOfTime):
-        updated_by_few(job, start, [best], second, solves)
+        update_by_few_starts(job, start, [best], second, solves)
     assert len(solves.ended) == 1
     assert solves.ended[0].solution.success
 

@@ -20,6 +20,7 @@ from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 from tactilenlp.interface.result import solution_of
+from tactilenlp.output.summary import optima_in_words
 
 UNITS = np.r_[1e3, 1e3, 1e3, 1e3, 1e3, 50.0]  # to mm, a radian as 50 mm
 STEP = 1e-6  # [m, rad] of central differences
@@ -40,7 +41,7 @@ def test_sigma_of_another_kind_is_that_of_its_matrix_alone(estimate, kind):
     for name, jacobian in information.maps.items():
         sigma = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
         np.testing.assert_allclose(information.sigma(name), sigma, rtol=1e-6)
-    assert not information.also
+    assert not optima_in_words(information)
     with pytest.raises(OptionError, match="no such term"):
         information.part("prior")
 
@@ -57,7 +58,7 @@ def test_inverted_dynamics_lose_all_digits_where_the_joint_programme_does_not(es
 
 def test_sensor_noise_alone_scatters_less_than_users_are_told(estimate):
     noise = observed_information(estimate, "sandwich").covariance()
-    told = estimate.information.spread
+    told = estimate.information.covariance_matrix
     assert np.linalg.eigvalsh((told - noise) * np.outer(UNITS, UNITS)).min() > -1e-9
 
 

@@ -19,7 +19,7 @@ DEGREE = np.deg2rad(1.0)
 FINGERS = [finger("edu_dair", 180), finger("edu_dair", 0)]
 PLACES = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m], either side of the body
 WRONG = np.deg2rad([[1.1, -0.6, 0.5], [-0.9, 0.4, 1.2]])  # of each joint
-LEAN = Options(hypotheses=2, starts=4, rivals=False)
+LEAN = Options(hypotheses=2, starts=4, profile_likelihood=False)
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
 

@@ -8,7 +8,7 @@ from programmes import moved_by
 
 from tactilenlp.data.sensor_noise import LATENCY
 from tactilenlp.information.consider_parameters import fingers_earlier
-from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 
 LATE = 1e-4  # [s]

@@ -7,6 +7,7 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp.information.mixture import LocalOptimum, distinct_modes, laplace_mixture
+from tactilenlp.output.summary import optima_in_words
 
 
 def mode(sizes, yaw, objective=0.0, deviation=1e-4):
@@ -59,7 +60,9 @@ def test_a_mode_of_which_a_direction_is_certain_has_a_weight():
 def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     found = [mode([0.05, 0.03, 0.04], 0.0), mode([0.05, 0.04, 0.04], 0.0, 1.0)]
     modes = laplace_mixture(CUBOID, found)
-    information = replace(estimate.information, modes=modes, spread=modes.covariance)
-    reported, other = information.also
+    information = replace(
+        estimate.information, modes=modes, covariance_matrix=modes.covariance
+    )
+    reported, other = optima_in_words(information)
     assert reported == "What is reported has a probability of 73 %."
     assert other.startswith("With 27 %, side y is 10.0 mm larger")

@@ -73,14 +73,16 @@ def test_a_budget_survives_a_file_and_files_from_before_have_none(touched, tmp_p
     del header["content"]["fields"]["information"]["fields"]["budget"]
     np.savez(tmp_path / "old.npz", header=np.array(json.dumps(header)), **arrays)
     old = Estimate.load(tmp_path / "old.npz")
-    assert np.array_equal(old.information.spread, touched.information.spread)
+    assert np.array_equal(
+        old.information.covariance_matrix, touched.information.covariance_matrix
+    )
     assert old.information.widened(2.0).budget == {}
     with pytest.raises(OptionError, match="no error budget"):
         old.information.error_budget("position")
 
 
 def test_covariances_of_a_file_from_before_count_by_their_variances(touched):
-    spread = touched.information.spread
+    spread = touched.information.covariance_matrix
     shares = {"physics": 0.3 * spread, "priors": 0.7 * spread}
     fields = vars(touched.information) | {"budget": shares}
     before = Information.from_file(**fields)
@@ -123,7 +125,9 @@ def test_squares_of_a_poor_fit_add_up_to_those_of_sigma(recorded, shape):
     off = data.finger_position.copy()
     off[data.action == 1, 0] += [0.0, 0.0, 0.02]
     wrong = replace(data, finger_position=off)
-    lean = Options(check_mistakes=False, hypotheses=1, starts=1, rivals=False)
+    lean = Options(
+        check_mistakes=False, hypotheses=1, starts=1, profile_likelihood=False
+    )
     poor = solve_estimate(wrong, scene, shape=shape, options=lean, throw=False)
     assert poor.fit.widening > 1
     check_budget(poor.information)

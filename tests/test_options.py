@@ -1,6 +1,5 @@
 """Options of an estimate: what has no effect says so, and what is wrong is refused."""
 
-import warnings
 from dataclasses import replace
 
 import pytest
@@ -9,31 +8,36 @@ from tactilenlp import Options, Reductions
 from tactilenlp.errors import OptionError
 
 
-@pytest.mark.parametrize("seed", [0, 7])
-def test_a_seed_is_accepted_with_a_warning_that_it_has_no_effect(seed):
-    with pytest.warns(FutureWarning, match="no effect"):
-        options = Options(seed=seed)
-    assert options.seed == seed
-
-
-def test_options_without_a_seed_do_not_warn():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert Options().seed is None
-
-
-def test_a_seed_that_is_no_number_is_refused():
-    with pytest.raises(OptionError, match="seed"):
-        Options(seed="zero")
+@pytest.mark.parametrize("name", ["seed", "rivals"])
+def test_an_option_of_an_older_version_is_refused_by_name(name):
+    with pytest.raises(OptionError, match=f"profile_likelihood.*got {name}"):
+        Options(**{name: False})
 
 
 def test_without_names_reductions_not_to_make():
     assert Options(without="planar").reductions == Reductions(planar=False)
     assert Options(without={"still"}).reductions == Reductions(still=False)
-    assert Options(reduce=("planar",)).reductions == Reductions(planar=False)
+    assert Options().without == ()
     assert Options().reductions == Reductions()
     again = replace(Options(without=("far",)), starts=2)
     assert again.reductions == Reductions(far=False)
+
+
+@pytest.mark.parametrize(
+    "reduce",
+    [("planar", "far"), {"planar", "far"}, Reductions(planar=False, far=False)],
+)
+def test_reduce_is_without_and_warns(reduce):
+    with pytest.warns(FutureWarning, match="without"):
+        options = Options(reduce=reduce)
+    assert options.reductions == Reductions(planar=False, far=False)
+    assert replace(options, starts=2).reductions == options.reductions
+
+
+def test_reduce_false_makes_no_reductions():
+    with pytest.warns(FutureWarning, match="without"):
+        options = Options(reduce=False)
+    assert not any(vars(options.reductions).values())
 
 
 @pytest.mark.parametrize(

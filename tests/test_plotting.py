@@ -168,7 +168,7 @@ def test_the_band_at_the_last_sample_knows_of_the_pose(touched):
 
 
 def test_nothing_known_is_drawn_as_a_band_as_wide_as_the_picture(touched):
-    blank = replace(touched.information, spread=np.diag([1e12] * 6))
+    blank = replace(touched.information, covariance_matrix=np.diag([1e12] * 6))
     figure = plot_top(replace(touched, information=blank))
     assert all(np.isfinite(part).all() for part in drawn(figure))
 

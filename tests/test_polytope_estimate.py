@@ -108,9 +108,9 @@ def test_a_hull_on_three_legs_is_read_with_these(slid):
     solved = solved_from(job, found, levels=page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
     body = read_hull(job, solved)
-    information = information_in_time(job, solved, body.faces)
-    assert np.isfinite(body.vertices).all()
-    assert np.isfinite(information.spread).all()
+    information = information_in_time(job, solved, body["faces"])
+    assert np.isfinite(body["body_vertices"]).all()
+    assert np.isfinite(information.covariance_matrix).all()
 
 
 def test_fingers_push_where_they_touch_and_nowhere_else(slid, hull):

@@ -8,16 +8,17 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp import Options, Session
-from tactilenlp.estimation.initial_search import searched
+from tactilenlp.estimation.initial_search import initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import certification
 from tactilenlp.refinement.profile_deviation import (
     TAIL_GROWTH,
     VAGUE_SHARE,
+    Point,
     Profile,
 )
-from tactilenlp.refinement.profile_likelihood import profiled
+from tactilenlp.refinement.profile_likelihood import profile_deviations
 from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.margins import PROFILE_RISE
@@ -42,23 +43,21 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * claimed
 
-    def elsewhere(axis, pull, moved):
-        grows = touched is not None and pull[axis] > 0 and min(touched) == 0
-        assert (moved is not None) == grows
+    felt = None if touched is None else np.array(touched)
 
-        def there(step):
-            change = step * pull[axis]
-            cost, grown = price(change), np.r_[change, 0, 0]
-            if cost is None:
-                return None
-            moved = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
-            return solve(replace(AT, objective=cost, **moved))
+    def solve_held(step, start, direction, touched):
+        grows = felt is not None and direction[0] > 0 and min(felt) == 0
+        assert (touched is not None) == grows
+        assert start.step < step
+        change = step * direction[0]
+        rise, grown = price(change), np.r_[change, 0, 0]
+        if rise is None:
+            return None
+        other = {"theta": AT.theta + grown, "x": AT.x + grown[:, None] / 2}
+        return Point(step, rise, solve(replace(AT, objective=rise, **other)))
 
-        return there
-
-    touched = None if touched is None else np.array(touched)
-    profile = Profile(solve(AT), 0, PRIOR, touched, seeks, cost)
-    off, better = profile.deviation(elsewhere, sharp, sharp)
+    profile = Profile(solve(AT), 0, PRIOR, felt, seeks, cost)
+    off, better = profile.deviation(solve_held, sharp, sharp)
     assert off == pytest.approx(sharp / claimed * off[0])
     return abs(off[0]), better
 
@@ -185,13 +184,13 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     solution = SimpleNamespace(success=True)
     deadline = SimpleNamespace(passed=lambda _: False)
     job = SimpleNamespace(
-        options=SimpleNamespace(rivals=True), deadline=deadline,
+        options=SimpleNamespace(profile_likelihood=True), deadline=deadline,
         page=SimpleNamespace(LEVELS=(None,)),
     )  # fmt: skip
     certificates = SimpleNamespace(broken=())
     best = Certified(solution, certificates, job, (False, 1.0))
-    monkeypatch.setattr(certification, "profiled", profiles)
-    monkeypatch.setattr(certification, "certified", lambda solved: solved)
+    monkeypatch.setattr(certification, "profile_deviations", profiles)
+    monkeypatch.setattr(certification, "restore_reductions", lambda solved: solved)
     for rank, same in (((False, 1.2), True), ((False, 0.6), False)):
         again = replace(best, rank=rank)
 
@@ -273,7 +272,7 @@ def test_a_body_without_sides_has_no_profile():
         shape=replace(CUBOID, last_pose_held=True),
         reductions=SimpleNamespace(planar=True),
     )
-    found, better = profiled(SimpleNamespace(at=AT, job=job))
+    found, better = profile_deviations(SimpleNamespace(at=AT, job=job))
     assert better is None
     assert not found.any()
 
@@ -286,9 +285,9 @@ def test_profiles_of_shooting_are_those_of_multiple_shooting(recorded):
     for page in ("multiple_shooting", "shooting"):
         given = "cuboid", page, Options(), None, None, Session()
         request, _ = read_request(data.select([0, 1]), scene, *given)
-        starts, _ = searched(request, Incumbents([]))
+        starts, _ = initial_hypotheses(request, Incumbents([]))
         solved = solved_from(request.job, starts[0])
-        found.append(profiled(solved, seeks=False)[0])
+        found.append(profile_deviations(solved, seeks=False)[0])
     where = np.flatnonzero(found[0].any(axis=1))
     assert where.max() >= CUBOID.theta  # one of them is of a position
     assert found[1] == pytest.approx(found[0], rel=1e-2, abs=1e-6)

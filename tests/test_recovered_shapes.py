@@ -67,7 +67,7 @@ def test_a_body_is_recovered_from_simulated_touches_with_default_options(
     theta = np.array([0.045, 0.038])
     world = touched(shape, theta)
     estimate = solve_estimate(world.measurements, SCENE, shape=shape)
-    sigma = np.sqrt(np.diag(estimate.information.spread))[:2]
+    sigma = np.sqrt(np.diag(estimate.information.covariance_matrix))[:2]
     # 24 random bodies: across within 1.7 mm and two sigma, height within 0.1 mm.
     assert (np.abs(estimate.theta - theta) < [2e-3, 0.3e-3]).all()
     assert (np.abs(estimate.theta - theta) < 3 * sigma).all()
@@ -208,7 +208,7 @@ def test_a_class_with_bounds_and_priors_of_its_own_is_estimated(recorded):
     assert estimate.success
     low, high = np.array(ASPECT.bounds)
     assert ((low <= estimate.theta) & (estimate.theta <= high)).all()
-    sigma = np.sqrt(np.diag(estimate.information.spread))[: ASPECT.theta]
+    sigma = np.sqrt(np.diag(estimate.information.covariance_matrix))[: ASPECT.theta]
     assert (sigma < np.array(ASPECT.size_prior[1])).all()
     with pytest.raises(StartError, match="too large"):
         solve_estimate(data, scene, shape=ASPECT, start=Guess((0.05, 6.0), (0, 0)))

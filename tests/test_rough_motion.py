@@ -159,7 +159,7 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
 def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
     job = replace(request_of_one_action.job, shape=polytope(20))
     again = replace(request_of_one_action, job=job)
-    assert optima._solved_by_action(again, job) is None
+    assert optima._search_by_action(again, job) is None
 
 
 @pytest.mark.slow
@@ -167,13 +167,13 @@ def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
 def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, shape):
     """Not what the filter kept: the optima of the page after each action."""
     data, scene, _ = recorded
-    whole, searches = optima.searched, []
+    whole, searches = optima.initial_hypotheses, []
 
     def searched(request, incumbents, begun):
         searches.append((request.job.data, list(incumbents.kept)))
         return whole(request, incumbents, begun)
 
-    monkeypatch.setattr(optima, "searched", searched)
+    monkeypatch.setattr(optima, "initial_hypotheses", searched)
     bad = [True]  # at first only
     monkeypatch.setattr(optima, "fits_badly", lambda *_: bad and bad.pop())
     found = solve_estimate(data.select([0, 1, 2]), scene, shape=shape)

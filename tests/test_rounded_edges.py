@@ -13,7 +13,7 @@ from formulations.rigid_body import declare_poses
 from formulations.shape import CUBOID
 from formulations.size_prior import add_size_prior, declare_sizes
 from tactilenlp import Problem, SolverOptions
-from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.solve import solve
 

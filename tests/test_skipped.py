@@ -13,7 +13,7 @@ from tactilenlp import Options, solve_estimate
 from tactilenlp.interface.request import make_job
 from tactilenlp.problem import static_friction
 from tactilenlp.problem.certificates import Skipped, frictionless
-from tactilenlp.refinement.certification import certified
+from tactilenlp.refinement.certification import restore_reductions
 from tactilenlp.search.local_solve import solved_from, warm_started
 
 DECLINED = Skipped("rigid", "compliance", "rigid", "gains [nats]", 1.0, 5.0, True)
@@ -26,11 +26,11 @@ def test_every_reduction_can_be_switched_off_alone(touched):
         return make_job(data, scene, CUBOID, options, time.monotonic(), page)
 
     solved = replace(solved_from(job(Options()), h), declined=(DECLINED,))
-    reduced = certified(solved).solution
+    reduced = restore_reductions(solved).solution
     for name in ("still", "far", "absent"):
-        fewer = job(Options(reduce=[name]))
+        fewer = job(Options(without=[name]))
         # From the same optimum: from afar, solves end a fifth of a nat apart.
-        full = certified(warm_started(fewer, solved))
+        full = restore_reductions(warm_started(fewer, solved))
         assert DECLINED in full.skipped
         assert full.solution.success
         assert all(s.name != name for s in full.skipped)
@@ -43,7 +43,7 @@ def test_every_reduction_can_be_switched_off_alone(touched):
 
 @pytest.mark.slow
 def test_free_motion_ends_beside_the_optimum_of_a_box_that_slides(estimate, recorded):
-    options = Options(reduce="planar")
+    options = Options(without="planar")
     free = solve_estimate(estimate.measurements, recorded[1], options=options)
     assert len(free.unknowns["x"]) == 6
     assert free.objective == pytest.approx(estimate.objective, abs=0.1)
@@ -66,7 +66,7 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
     estimate, monkeypatch
 ):
     data, scene, merged = estimate.measurements, estimate.scene, estimate
-    apart = solve_estimate(data, scene, options=Options(reduce="still"))
+    apart = solve_estimate(data, scene, options=Options(without="still"))
     still = next(s for s in merged.skipped if s.name == "still")
     assert 0 < still.value <= 1
     assert still.holds

@@ -6,7 +6,7 @@ import pytest
 from tactilenlp import Options, solve_estimate
 from tactilenlp.problem.pages import FORMULATIONS
 
-LEAN = Options(hypotheses=1, starts=1, rivals=False)
+LEAN = Options(hypotheses=1, starts=1, profile_likelihood=False)
 APEX = 4e-3  # [weights] pages round the apex of the friction cone by 3e-3
 # [m] how far touches lie from the surface: model errors of the pages are 0.15 and
 # 0.3 mm; the paper's logistic is as happy with a finger inside.

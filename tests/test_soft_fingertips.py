@@ -178,7 +178,7 @@ def test_a_better_optimum_that_a_profile_meets_is_kept_with_its_impulses(foreign
 
 def test_a_page_without_compliance_takes_fingertips_as_rigid(two_actions):
     data, scene, _ = two_actions
-    lean = Options(hypotheses=1, starts=1, rivals=False)
+    lean = Options(hypotheses=1, starts=1, profile_likelihood=False)
     estimate = solve_estimate(data, scene, formulation="quasi_static", options=lean)
     assert estimate.compliance is None
 

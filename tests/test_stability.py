@@ -104,10 +104,9 @@ def test_the_judge_tells_wrong_from_honest(judge, estimate, recorded):
     told = judge.against_truth(swollen, true)
     assert told["verdict"] == judge.WRONG
     assert told["error_mm"] == pytest.approx(5, abs=1)
-    vague = replace(
-        estimate.information, spread=estimate.information.spread + 1e-2 * np.eye(
-            len(estimate.information.spread)),
-    )  # fmt: skip
+    wider = estimate.information.covariance_matrix
+    wider = wider + 1e-2 * np.eye(len(wider))
+    vague = replace(estimate.information, covariance_matrix=wider)
     vague = replace(swollen, information=vague)
     assert judge.against_truth(vague, true)["verdict"] == judge.HONEST
     lost = replace(estimate, position=np.full_like(estimate.position, np.nan))

@@ -14,7 +14,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.information.consider_parameters import Considered
-from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.output.summary import doubts_in_words
 

@@ -8,7 +8,7 @@ import pytest
 from formulations.rigid_body import FREE, PLANAR
 from formulations.shape import CUBOID
 from tactilenlp.errors import OptionError
-from tactilenlp.information.error_budget import Linearisation
+from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
 from tactilenlp.information.trajectory import trajectory_variance
 from tactilenlp.nlp.kkt import kkt_system_of

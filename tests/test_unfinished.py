@@ -19,7 +19,7 @@ from tactilenlp import (
 )
 from tactilenlp.errors import Interrupted
 
-QUICK = Options(hypotheses=2, starts=3, rivals=False)
+QUICK = Options(hypotheses=2, starts=3, profile_likelihood=False)
 LONGEST = 60.0  # [s] until a process that was told to stop must have ended
 
 

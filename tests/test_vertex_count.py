@@ -17,8 +17,8 @@ from formulations.polytope import COUNTS, polytope
 from tactilenlp import Options, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.geometry.convex_hull import with_counts, without_touch
-from tactilenlp.information.mixture import occam_factor
-from tactilenlp.information.polytope_information import (
+from tactilenlp.information.mixture import (
+    occam_factor,
     occam_of_hull,
     occam_of_vertices,
 )

@@ -67,7 +67,7 @@ class Case:
 
     def solve(self, data, start=None, throw=True):
         page, *off = FORMULATIONS[self.formulation]
-        options = Options(reduce=off[self.path == "unreduced"])
+        options = Options(without=off[self.path == "unreduced"])
         how = {"formulation": page, "options": options, "start": start, "throw": throw}
         scene = None if self.knowledge == "default" else self.scene()
         return solve_estimate(data, scene, **how)

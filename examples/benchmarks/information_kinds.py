@@ -17,7 +17,7 @@ from study import executor_of, study_parser, write_csv
 from tactilenlp import Measurements, Scene, observed_information, solve_estimate
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS
 from tactilenlp.estimation.programme import programme_at
-from tactilenlp.information.comparisons import pose_jacobians
+from tactilenlp.information.comparisons import jacobians_by_last_pose
 from tactilenlp.nlp.kkt import kkt_system_of
 
 UNITS = np.r_[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.05]  # [m, rad] make numbers comparable
@@ -61,7 +61,7 @@ def main() -> None:
     write_csv(arguments.folder / "information_kinds.csv", rows)
     again = programme_at(estimate)
     kkt = kkt_system_of(again.problem, again.solution)
-    link, _ = pose_jacobians(kkt, again.window)
+    link, _ = jacobians_by_last_pose(kkt, again.window)
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     back = np.arange(len(link))[::-1]
     axes[0].semilogy(back, [np.linalg.norm(chain, 2) for chain in link])

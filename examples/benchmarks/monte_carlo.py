@@ -35,7 +35,7 @@ def known(file: str, actions: int):
     data = data.select(np.unique(data.action)[:actions])
     up = rotation_of(truth.quaternion).as_matrix()[:, 2]
     turned = np.arccos(np.clip(up @ up[0], -1, 1)).max() > TILTED
-    options = Options(reduce=["planar"] if turned else True, rivals=False)
+    options = Options(without=["planar"] if turned else (), profile_likelihood=False)
     first = data.select(np.unique(data.action)[:1])
     begun = solve(first, Scene.load(file), options=options, throw=False)
     return data, Scene.load(file), truth, options, begun

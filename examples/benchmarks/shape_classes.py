@@ -115,7 +115,7 @@ def main(arguments):
             estimate, said = error.estimate, "not converged, "
         true = world.true_body(world.measurements.time[-1]).mesh
         off = surface_distance(estimate.mesh(), true)
-        sigma = np.sqrt(np.diag(estimate.information.spread))[: len(theta)]
+        sigma = np.sqrt(np.diag(estimate.information.covariance_matrix))[: len(theta)]
         up = rotation_of(world.truth.object_quaternion).as_matrix()[:, 2, 2]
         tilt = np.degrees(np.arccos(np.clip(up, -1, 1))).max()
         true, found, sigma = (

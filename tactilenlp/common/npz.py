@@ -186,7 +186,7 @@ def _check_fields(tree, kinds: dict, foreign: Callable) -> None:
     """
     if isinstance(tree, dict) and "kind" in tree:
         kind, tree = tree["kind"], tree["fields"]
-        ours = {field.name: field for field in dataclass_fields(kinds[kind])}
+        ours = _fields_by_name(kinds[kind])
         needed = {name for name, field in ours.items() if not _has_default(field)}
         if differ := sorted((needed - set(tree)) | (set(tree) - set(ours))):
             words = [f"{'no ' if f in ours else ''}{kind}.{f}" for f in differ]
@@ -195,6 +195,15 @@ def _check_fields(tree, kinds: dict, foreign: Callable) -> None:
     if isinstance(tree, (dict, list)):
         for branch in tree.values() if isinstance(tree, dict) else tree:
             _check_fields(branch, kinds, foreign)
+
+
+def _fields_by_name(kind) -> dict:
+    """Return the fields of a dataclass by their names in a file.
+
+    These are those of its NAMES_IN_FILES, for fields that have another name by now.
+    """
+    older = getattr(kind, "NAMES_IN_FILES", {})
+    return {older.get(f.name, f.name): f for f in dataclass_fields(kind)}
 
 
 def _has_default(field) -> bool:
@@ -211,8 +220,8 @@ def _pack(value, name: str, arrays: dict, kinds: dict):
         return {k: _pack(v, f"{name}/{k}".strip("/"), arrays, kinds) for k, v in pairs}
 
     if type(value).__name__ in kinds:
-        names = [field.name for field in dataclass_fields(value)]
-        fields = inner((name, getattr(value, name)) for name in names)
+        own = _fields_by_name(type(value)).items()
+        fields = inner((name, getattr(value, field.name)) for name, field in own)
         return {"kind": type(value).__name__, "fields": fields}
     if isinstance(value, dict):
         return {"dict": inner(value.items())}
@@ -236,7 +245,8 @@ def _unpack(tree, arrays: dict, kinds: dict):
     if "list" in tree:
         return tuple(inner(enumerate(tree["list"])).values())
     kind = kinds[tree["kind"]]
-    fields = inner(tree["fields"].items())
+    own = _fields_by_name(kind)
+    fields = {own[k].name: v for k, v in inner(tree["fields"].items()).items()}
     check_kinds(kind, fields)
     found = getattr(kind, "from_file", kind)(**fields)
     check_layout(found)

@@ -3,7 +3,7 @@
 Search and model selection run at that rate only (1 / tracking.PERIOD): they take
 hundreds of iterations and need no more samples, and errors of the model last longer
 than a sample, so that more samples of a touch are no more evidence for a larger model.
-The optima, interpolated linearly, start the solve of all samples, which takes tens of
+The optima, interpolate linearly, start the solve of all samples, which takes tens of
 iterations (100 Hz: 118 to 46 CPU s, 200 Hz: 291 to 50; results/EXPERIMENTS.md).
 """
 
@@ -18,7 +18,7 @@ from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
-from ..problem.certificates import Certificates, certify
+from ..problem.certificates import certify
 from ..refinement.nested_models import NUISANCES
 from ..refinement.newton_steps import as_found, with_latency
 from ..refinement.refinement import from_scratch
@@ -32,7 +32,7 @@ from .optima import (
     OTHER_SOLVES,
     REFINEMENT_END,
     Optima,
-    best_certified,
+    certify_best,
     optima_of,
 )
 
@@ -69,26 +69,27 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
     except KeyboardInterrupt:
         ends = [s.at for s in part.solves.best_first()]
         flat = [h for h in ends if is_planar(h.x)] or part.kept
-        incumbents.kept = [interpolated(h, data, rows) for h in flat]
+        incumbents.kept = [interpolate(h, data, rows) for h in flat]
         raise
-    incumbents.kept = kept = [interpolated(h, data, rows) for h in coarse.kept]
+    incumbents.kept = kept = [interpolate(h, data, rows) for h in coarse.kept]
+    incumbents.searched = part.searched
     if (coarse_best := coarse.best) is None:
-        starts = [interpolated(h, data, rows) for h in coarse.starts]
+        starts = [interpolate(h, data, rows) for h in coarse.starts]
         return replace(coarse, kept=kept, starts=starts)
     made = {name: getattr(coarse_best.job.reductions, name) for name in SELECTED}
     job = as_found(request.job, coarse_best.job).with_reductions(**made)
     dense = replace(request, job=job)
-    starts = [interpolated(s.at, data, rows) for s in (coarse_best, *coarse.modes)]
+    starts = [interpolate(s.at, data, rows) for s in (coarse_best, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)
     job, solves = dense.job_until(REFINEMENT_END), incumbents.solves.part()
     with job.deadline.ending(OTHER_SOLVES):
         multistart(job, starts, job.page.LEVELS, solves=solves)
     solved = solves.best_first()
     if not solved:
-        return Optima(None, [], kept, starts, coarse.searched)
+        return Optima(None, [], kept, starts)
     solved = with_latency(solved)  # more samples tell more of it
-    optima = Optima(None, solved, kept, starts, coarse.searched)
-    optima = best_certified(dense, optima, partial(_certified, coarse_best))
+    optima = Optima(None, solved, kept, starts)
+    optima = certify_best(dense, optima, partial(_certify_dense, coarse_best))
     declined, profile = coarse_best.declined, coarse_best.profile
     best = replace(optima.best, declined=declined, profile=profile)
     return replace(optima, best=best)
@@ -110,7 +111,7 @@ def coarse_request(request: Request, rows) -> Request:
     return replace(from_scratch(request), data=data, job=job)
 
 
-def interpolated(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
+def interpolate(h: Hypothesis, data: Measurements, rows) -> Hypothesis:
     """Return a hypothesis at all samples, x (unknowns, samples), linear between rows.
 
     h: at the first of the rows; before the first one of an action the body rests.
@@ -130,17 +131,16 @@ def at_coarse_rows(h: Hypothesis, rows) -> Hypothesis:
     return replace(h, x=h.x[:, rows[rows < h.x.shape[1]]])
 
 
-def _certified(coarse: Solved, solved) -> Solved:
+def _certify_dense(coarse: Solved, solved) -> Solved:
     """Return a solve at all samples with its certificates.
 
     Rest is certified at the lower rate: at the full one, what the balance of the first
     moving step leaves is a large force on the pose before.
     """
-    job = solved.job
-    if job.deadline.passed("certificates"):
-        return replace(solved, certificates=Certificates(()))
+    if solved.job.deadline.passed("certificates"):
+        return solved
     still = [s for s in coarse.certificates.skipped if s.name == "still"]
-    return replace(solved, certificates=certify(job, solved, *still))
+    return replace(solved, certificates=certify(solved.job, solved, *still))
 
 
 def _at_rows(data: Measurements, rows) -> Measurements:

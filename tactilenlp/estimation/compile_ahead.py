@@ -27,8 +27,7 @@ def compile_ahead(shape: str) -> Estimate:
     file = example_recording(shape)
     data, scene = Measurements.load(file), Scene.load(file)
     estimate = solve_estimate(data, scene, shape=shape)
-    arguments = data, scene, shape_of(shape), "violation_implicit", None, None, None
-    job = read_request(*arguments, PROCESS)[0].job
+    job = read_request(data, scene, shape_of(shape), session=PROCESS)[0].job
     for name in LARGER_MODELS:
         larger = job.with_reductions(**{name: False})
         problem = built_page(larger, in_motion_of(larger, estimate.origin)).problem

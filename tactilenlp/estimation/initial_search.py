@@ -36,7 +36,7 @@ SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
-def searched(
+def initial_hypotheses(
     request: Request, incumbents: Incumbents, search: TrackedSearch | None = None
 ) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Return hypotheses for the next action, and the same as the page starts from them.
@@ -136,7 +136,7 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
 def tracked_search(request: Request, job: Job, incumbents) -> TrackedSearch:
     """Return the search for a shape with sizes, in the frame of the first touch.
 
-    job: with reductions of its own; incumbents: as of `searched`.
+    job: with reductions of its own; incumbents: as of `initial_hypotheses`.
     """
     first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
     job = replace(job, first=first)
@@ -144,5 +144,7 @@ def tracked_search(request: Request, job: Job, incumbents) -> TrackedSearch:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)
-    arguments = job, in_frame, request.widths[1], request.executor
-    return TrackedSearch(*arguments, keep=incumbents.keep, out_of=frame.out_of)
+    return TrackedSearch(
+        job, in_frame, request.widths[1], request.executor, keep=incumbents.keep,
+        out_of=frame.out_of,
+    )  # fmt: skip

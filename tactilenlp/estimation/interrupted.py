@@ -23,11 +23,15 @@ SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
 
 @dataclass
 class Incumbents:
-    """What a solve has found by now: hypotheses of the first actions, solved pages."""
+    """What a solve has found by now: hypotheses of the first actions, solved pages.
+
+    began, searched: CPU time [s] at the beginning, and of the search.
+    """
 
     kept: list
     solves: Solves = field(default_factory=Solves)
-    began: float = field(default_factory=time.process_time)  # [s] of CPU
+    began: float = field(default_factory=time.process_time)
+    searched: float = 0.0
 
     def keep(self, hypotheses) -> None:
         """Replace the hypotheses of the first actions."""

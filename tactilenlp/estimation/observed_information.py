@@ -4,11 +4,7 @@ exact             the Hessian of the Lagrangian of the whole problem, reduced an
                   marginalised; its sigma has all terms of the error budget
 sandwich          the covariance of the estimate under repeated measurements, by the
                   sensors' noise alone (measurement_noise.py)
-gauss_newton      the same reduction of Hessians without negative curvature: no second
-                  derivatives of gaps and normals where they lower the information
-paper             eq:obsinfo, past poses taken for the last one: dx_t/dx_{t-1} = 1
-inverse_dynamics  eq:obsinfo, past poses from the last by inverted Jacobians of the
-                  dynamics, which grow with every sample
+gauss_newton, paper, inverse_dynamics: information/comparisons.py
 """
 
 from __future__ import annotations
@@ -23,21 +19,21 @@ from ..common.threads import on_one_thread
 from ..common.validation import check_one_of, check_types
 from ..data.ground import frame_of
 from ..data.scene import Scene
-from ..errors import OptionError, TactileError, typed_call
+from ..errors import OptionError, typed_call
 from ..information.comparisons import gauss_newton, inverse_dynamics, paper
 from ..information.information import Information
+from ..information.linearisation import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.measurement_noise import (
     mixed_derivatives,
     sensitivity_to_measurements,
     sensor_covariance,
 )
-from ..information.sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from ..information.tangent_space import inverse
-from ..interface.options import Options, Session
+from ..interface.options import Options
 from ..interface.request import read_request
 from ..interface.result import Estimate
 from ..nlp.problem import Problem
-from ..problem.reductions import Reductions
+from ..refinement.incremental import past_solution
 from ..search.local_solve import built_page
 from .programme import class_and_page, programme_at
 
@@ -67,31 +63,27 @@ def observed_information(
 
 
 def _of_kind(kind: str, again) -> tuple:
-    """Return the matrix (k, k) of a kind, and its covariance where it comes first."""
-    if kind == "paper":
-        M = paper(again.problem, again.solution, again.window)
-        return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
+    """Return the matrix (k, k) of a kind, and its covariance if that comes first."""
+    tangent, window = again.tangent, again.window
+    if kind in ("paper", "inverse_dynamics"):
+        if kind == "paper":
+            M = paper(again.problem, again.solution, window)
+        else:
+            M = inverse_dynamics(again.kkt, again.solution, window)
+        return tangent.inverse.T @ M @ tangent.inverse, None
     kkt = again.kkt
-    if kind == "inverse_dynamics":
-        M = inverse_dynamics(kkt, again.solution, again.window)
-        if not np.isfinite(M).all():
-            raise TactileError(
-                "the product of inverted Jacobians overflows", where="inverse_dynamics",
-                got="an infinite entry", expected="finite information",
-                next='ask for kind="exact", or for fewer actions',
-            )  # fmt: skip
-        return (again.tangent.inverse.T @ M @ again.tangent.inverse,)
     if kind == "gauss_newton":
         kkt = gauss_newton(kkt)
-    by_gradient, by_constraint = kkt.sensitivity(again.tangent.chosen)
-    J = again.tangent.jacobian
-    C = J @ by_gradient[again.tangent.chosen] @ J.T
+    J, (by_gradient, by_constraint) = tangent.jacobian, kkt.sensitivity(tangent.chosen)
     if kind == "sandwich":
-        through = mixed_derivatives(kkt, again.job, again.window)
-        columns = by_gradient, by_constraint
-        moves = sensitivity_to_measurements(through, again.job.data, *columns)
-        C = sensor_covariance(*moves, again.job)
-        C = J @ C @ J.T
+        terms, data = mixed_derivatives(kkt, again.job, window), again.job.data
+        by_position, by_normal = sensitivity_to_measurements(
+            terms, data, by_gradient, by_constraint
+        )
+        C = sensor_covariance(by_position, by_normal, again.job)
+    else:
+        C = by_gradient[tangent.chosen]
+    C = J @ C @ J.T
     C = (C + C.T) / 2
     return inverse(C), C
 
@@ -184,9 +176,7 @@ def problem_of(
     if at is not None:
         check_types(at=(at, Estimate))
         scene = (Scene() if scene is None else scene).on_ground_of(at.scene)
-    request, _ = read_request(
-        data, scene, shape, formulation, options, None, None, Session()
-    )
+    request, _ = read_request(data, scene, shape, formulation, options)
     job = request.job
     if at is not None:
         if at.measurements != data or at.shape != job.shape.name:
@@ -195,9 +185,7 @@ def problem_of(
                 got=f"{at.shape}, {at.measurements!r}",
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
-        job = job.as_late_as(at.sensors)
-        solved = replace(job, reductions=Reductions(**at.reductions), cuts=at.cuts)
-        return built_page(solved, at.origin).problem
+        return past_solution(job.as_late_as(at.sensors), at).problem
     if job.shape.window_depends_on_start:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",

@@ -11,15 +11,20 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from functools import partial
+
+import numpy as np
 
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..refinement.axis_names import with_named_axes
-from ..refinement.certification import checked, with_profiles
-from ..refinement.incremental import continues, of_whole_actions, updated_by_few
-from ..refinement.incremental_polytope import repaired
+from ..refinement.certification import (
+    restore_reductions,
+    solve_other_motions,
+    with_profiles,
+)
+from ..refinement.incremental import continues, of_whole_actions, update_by_few_starts
+from ..refinement.incremental_polytope import continue_if_implausible
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.newton_steps import (
@@ -41,7 +46,7 @@ from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
+from .initial_search import SEARCH_END, initial_hypotheses, reduced_job, tracked_search
 from .interrupted import Incumbents
 
 log = logging.getLogger("tactilenlp")
@@ -55,14 +60,18 @@ class Optima:
 
     best: the most probable optimum, certified, None if the time limit came first;
     solved: all optima, best first; kept: hypotheses of the search, for the next action;
-    starts: those that the page was solved from; searched: CPU seconds of the search.
+    starts: those that the page was solved from.
     """
 
     best: Solved | None
     solved: list[Solved]
     kept: list[Hypothesis]
     starts: list[Hypothesis]
-    searched: float
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The key to sort by: that of the best one."""
+        return (True, np.inf) if self.best is None else self.best.rank
 
     @property
     def modes(self) -> list[Solved]:
@@ -85,49 +94,53 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
     incumbents: Incumbents, what is left by Ctrl-C, filled; update: a rejected
     incremental update, which competes.
     """
-    optima = _of_one_search(request, incumbents, update)
+    optima = _search_once(request, incumbents, update)
     if optima.best is None:
         return optima
     if (second := _search_that_may_gain(request, optima.best)) is not None:
-        other = _of_one_search(second, Incumbents([], incumbents.solves), update)
-        optima = _better(optima, other)
-    check = partial(checked, executor=request.executor)
-    optima = best_certified(request, optima, check)
+        other = _search_once(second, Incumbents([], incumbents.solves), update)
+        optima = min(optima, other, key=lambda o: o.rank)
+
+    def certify(solved: Solved) -> Solved:
+        flat = restore_reductions(solved)
+        return solve_other_motions(solved.job, flat, request.executor)
+
+    optima = certify_best(request, optima, certify)
     sought = request.job.hypothesis is None and fits_badly(request, optima.best)
-    other = _solved_by_action(request, optima.best.job) if sought else None
+    other = _search_by_action(request, optima.best.job) if sought else None
     if other is not None and _differs(other.best, optima.solved):
-        optima = _better(optima, best_certified(request, other, check))
+        other = certify_best(request, other, certify)
+        optima = min(optima, other, key=lambda o: o.rank)
     best = optima.best
     with best.job.deadline.ending("profile likelihoods"):
         best = with_profiles(best)
     return replace(optima, best=best)
 
 
-def _of_one_search(request, incumbents, update=None, earlier=()) -> Optima:
+def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
     """Return the optima that one search leads to, the best one not certified.
 
     incumbents: hypotheses to continue; filled, as `optima_of` says; earlier: solves of
     the same job, which compete.  Where sensors are found to be late, which the search
     took for prompt, the optima are those of a search from scratch with that latency.
     """
-    search, few, enough = _updated_by_few(request, incumbents)
+    search, few, enough = _update_by_few(request, incumbents)
     earlier = [*earlier, *few]
     if enough:
         kept = starts = [s.at for s in earlier]
     else:
-        kept, starts = searched(request, incumbents, search)
-    incumbents.kept, seconds = kept, incumbents.spent
-    solved = _solved_page(request, starts, incumbents, update, earlier, enough)
+        kept, starts = initial_hypotheses(request, incumbents, search)
+    incumbents.kept, incumbents.searched = kept, incumbents.spent
+    solved = _solve_page(request, starts, incumbents, update, earlier, enough)
     if solved and newly_late(request.job, solved[0].job):
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
-        other = _of_one_search(again, Incumbents([], incumbents.solves), update, solved)
-        return replace(other, searched=seconds)
-    return Optima(solved[0] if solved else None, solved, kept, starts, seconds)
+        return _search_once(again, Incumbents([], incumbents.solves), update, solved)
+    return Optima(solved[0] if solved else None, solved, kept, starts)
 
 
-def _updated_by_few(request, incumbents) -> tuple:
+def _update_by_few(request, incumbents) -> tuple:
     """Return a search that was begun, solves from few starts, whether these suffice.
 
     Where a shape with sizes slid flat and its first actions fit well; noise leaves more
@@ -135,15 +148,15 @@ def _updated_by_few(request, incumbents) -> tuple:
     all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    asked = job.shape.tracked and job.hypothesis is None and incumbents.kept
-    asked = asked and job.reductions.planar and job.contract.rough
-    asked = asked and precise(job.data, job.precision)
-    if not (asked and continues(start, job) and of_whole_actions(start, job)):
+    may_do = job.shape.tracked and job.hypothesis is None and incumbents.kept
+    may_do = may_do and job.reductions.planar and job.contract.rough
+    may_do = may_do and precise(job.data, job.precision)
+    if not (may_do and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
     search = tracked_search(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()
     with job.deadline.ending("an update by few starts"):
-        enough = updated_by_few(job, start, search.first(), search.second, solves)
+        enough = update_by_few_starts(job, start, search.first(), search.second, solves)
     solved = solves.best_first()
     if solved:
         more = solved[0].solution.objective - start.objective
@@ -152,14 +165,7 @@ def _updated_by_few(request, incumbents) -> tuple:
     return search, solved, enough
 
 
-def _better(optima: Optima, other: Optima) -> Optima:
-    """Return the better of two; the seconds are those of the first search."""
-    if other.best is None or other.best.rank >= optima.best.rank:
-        return optima
-    return replace(other, searched=optima.searched)
-
-
-def _solved_by_action(request: Request, solved: Job) -> Optima | None:
+def _search_by_action(request: Request, solved: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
@@ -177,13 +183,14 @@ def _solved_by_action(request: Request, solved: Job) -> Optima | None:
         if not _in_time(request):
             return None
         part = replace(request, job=as_found(job, solved))
-        optima = _of_one_search(part, Incumbents(kept))
+        optima = _search_once(part, Incumbents(kept))
         if optima.best is None:
             return None
         if doubtful and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
-            better = _better(optima, _of_one_search(rough, Incumbents(kept)))
-            doubtful, optima = better is not optima, better
+            other = _search_once(rough, Incumbents(kept))
+            doubtful = other.rank < optima.rank
+            optima = other if doubtful else optima
         kept, solved = optima.carried_on(request.widths[0]), optima.best.job
     return optima
 
@@ -221,7 +228,7 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[Solved]:
+def _solve_page(request, starts, incumbents, update, earlier, enough) -> list[Solved]:
     """Return the page solved, best first.
 
     earlier: solves from some of the starts, and whether these are enough.  No solves if
@@ -234,7 +241,7 @@ def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[S
         """Solve one job, whose solves compete with each other alone."""
         return refined(job, starts, solves.part(), past, earlier)
 
-    def freed(free, first, alone: bool) -> list[Solved]:
+    def solve_larger(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
         first = replace(first, objective=starts[0].objective)  # of the search
         larger = from_starts(free, [first] if alone else [first, *starts])
@@ -246,26 +253,27 @@ def _solved_page(request, starts, incumbents, update, earlier, enough) -> list[S
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_latency(solved)
         if not newly_late(request.job, solved[0].job):
-            solved = repaired(_with_larger_models(solved, freed), update)
+            solved = _with_larger_models(solved, solve_larger)
+            solved = continue_if_implausible(solved, update)
     return solved or solves.best_first()
 
 
-def _with_larger_models(flat, freed) -> list[Solved]:
+def _with_larger_models(flat, solve_larger) -> list[Solved]:
     """Return solves, on a ground that leans, with what the data set free."""
     leaning = with_ground_tilt(flat)
-    larger = with_nuisance_parameters(leaning, freed)
+    larger = with_nuisance_parameters(leaning, solve_larger)
     same_model = larger[0].job.reductions == flat[0].job.reductions
     if leaning is not flat and not same_model:
-        # The tilt did not explain enough: what was freed then may do without it.
-        level = with_nuisance_parameters(flat, freed)
+        # The tilt did not explain enough: what was solve_larger then may do without it.
+        level = with_nuisance_parameters(flat, solve_larger)
         larger = min(larger, level, key=lambda solves: solves[0].rank)
     return with_ground_for_turns(larger)
 
 
-def best_certified(request: Request, optima: Optima, check) -> Optima:
+def certify_best(request: Request, optima: Optima, certify) -> Optima:
     """Return optima of which the most probable one has its axes named, certified.
 
-    check(solved): certifies a solve, or returns a better one.
+    certify(solved): a solve with certificates, or a better one.
     """
     deadline = request.job_until(CERTIFICATES_END).deadline
     solved = [replace(s, job=replace(s.job, deadline=deadline)) for s in optima.solved]
@@ -274,6 +282,5 @@ def best_certified(request: Request, optima: Optima, check) -> Optima:
         best = most_probable(solved)
         named = with_named_axes(best, request.axes)
         solved = [named if s is best else s for s in solved]
-        best = named
-        best = check(best)
+        best = certify(named)
     return replace(optima, best=best, solved=solved)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from time import monotonic
+
 import numpy as np
 
-from ..common.deadline import NEVER
-from ..data.ground import frame_of
-from ..data.sensor_noise import smoothed
 from ..errors import OptionError
 from ..interface.options import Options
-from ..interface.result import solution_of
+from ..interface.request import make_job
 from ..problem.pages import name_of, page_of, shape_of
-from ..problem.reductions import Reductions
-from ..search.hypothesis import FunctionsByPage, Job
-from ..search.local_solve import built_page
+from ..refinement.incremental import past_solution
 from ..search.solved import Solved
 
 
@@ -22,10 +19,10 @@ def class_and_page(estimate, shape=None, formulation=None) -> tuple:
     shape = shape_of(estimate.shape if shape is None else shape)
     stated = estimate.formulation if formulation is None else formulation
     page = page_of(stated, shape)
-    for name, asked in (("shape", shape.name), ("formulation", name_of(page))):
-        if (own := getattr(estimate, name)) != asked:
+    for name, value in (("shape", shape.name), ("formulation", name_of(page))):
+        if (own := getattr(estimate, name)) != value:
             raise OptionError(
-                "not that of the estimate", where=name, got=asked, expected=own,
+                "not that of the estimate", where=name, got=value, expected=own,
                 next="give it as it was given to solve_estimate",
             )  # fmt: skip
     return shape, page
@@ -44,17 +41,10 @@ def programme_at(estimate, shape=None, formulation=None) -> Solved:
             where="estimate", got=estimate.shape, expected="a cuboid",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
-    precision, frame = estimate.sensors, frame_of(scene.ground)
-    data = estimate.measurements.transformed(frame.rotation, frame.translation)
-    job = Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
-        page=page, options=Options(),
-        deadline=NEVER, functions=FunctionsByPage(),
-    ).as_late_as(precision)  # fmt: skip
-    built = built_page(job, estimate.origin)
-    _check_same_unknowns(built.problem, estimate)
-    return Solved(estimate.origin, built, solution_of(estimate, job.page), job)
+    job = make_job(estimate.measurements, scene, shape, Options(), monotonic(), page)
+    solved = past_solution(job.as_late_as(estimate.sensors), estimate)
+    _check_same_unknowns(solved.problem, estimate)
+    return solved
 
 
 def _check_same_unknowns(problem, estimate) -> None:

@@ -20,8 +20,7 @@ from ..interface.options import PROCESS, Guess, Options, Session
 from ..interface.readout import read_off
 from ..interface.request import Request, read_request
 from ..interface.result import Estimate
-from ..refinement.certification import certified
-from ..refinement.incremental_polytope import updated
+from ..refinement.incremental_polytope import update_by_one_action
 from ..refinement.model_selection import classes_of, likeliest_class
 from ..search.proposals_surface import on_poses
 from ..search.solved import Solved
@@ -85,7 +84,7 @@ class ClassSolver:
 
     def of_class(self, shape, options, start) -> Estimate:
         """Return the estimate of a class by its own search."""
-        return self._of_request(*self._read(self.scene, shape, options, start))
+        return self._of_request(*self._request_of(self.scene, shape, options, start))
 
     def from_poses(self, shape, options, poses, most) -> Estimate | None:
         """Return the estimate of a class from the poses of another's, not by a search.
@@ -95,8 +94,8 @@ class ClassSolver:
         """
         scene = (self.scene or Scene()).on_ground_of(poses.scene)
         if not shape.tracked:
-            return self._of_request(*self._read(scene, shape, options, poses))
-        request, hypotheses = self._read(scene, shape, options, None)
+            return self._of_request(*self._request_of(scene, shape, options, poses))
+        request, hypotheses = self._request_of(scene, shape, options, None)
         job = request.job.as_late_as(poses.sensors)
         hypothesis = on_poses(job, poses)
         if hypothesis is None or hypothesis.objective > most:
@@ -104,9 +103,11 @@ class ClassSolver:
         request = replace(request, job=replace(job, hypothesis=hypothesis))
         return self._of_request(request, hypotheses)
 
-    def _read(self, scene, shape, options, start) -> tuple[Request, list]:
-        page, others = self.formulation, (start, self.executor, self.session)
-        return read_request(self.data, scene, shape, page, options, *others)
+    def _request_of(self, scene, shape, options, start) -> tuple[Request, list]:
+        return read_request(
+            self.data, scene, shape, self.formulation, options, start,
+            executor=self.executor, session=self.session,
+        )  # fmt: skip
 
     def _of_request(self, request: Request, hypotheses) -> Estimate:
         """Return the estimate of a request; Ctrl-C raises Interrupted with one."""
@@ -126,10 +127,10 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
     """Return the estimate of a request, and the solved page that it was read from."""
     job, update, accepted = request.job_until(CERTIFICATES_END), None, False
     with job.deadline.ending("an incremental update"):
-        update, accepted = updated(job, request.start, certified)
+        update, accepted = update_by_one_action(job, request.start)
     if accepted:
         incumbents.kept = [update.at]
-        return _read(request, update, incumbents, 0.0, [update]), update
+        return _read_estimate(request, update, incumbents, [update]), update
     rows = coarse_rows(request)
     if rows is None:
         optima = optima_of(request, incumbents, update)
@@ -138,14 +139,15 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
     if optima.best is None:
         return not_solved(request, optima.starts, incumbents.spent)
     incumbents.kept = optima.carried_on(request.widths[0])
-    best, searched = optima.best, optima.searched
-    return _read(request, best, incumbents, searched, optima.modes), best
+    return _read_estimate(request, optima.best, incumbents, optima.modes), optima.best
 
 
-def _read(request, best, incumbents, searched: float, modes) -> Estimate:
-    """Return the estimate read from the best page; searched [s] of CPU time."""
-    deadline = request.job.deadline
-    seconds = best.solution.seconds | {"search": searched, "total": incumbents.spent}
-    seconds |= {"compilation": deadline.spent.get("compilation", 0.0)}
-    deadline = deadline.until(deadline.at, strict=True)
-    return read_off(request, best, incumbents.kept, seconds, deadline, modes)
+def _read_estimate(request, best, incumbents, modes) -> Estimate:
+    """Return the estimate read from the best page."""
+    deadline, kept = request.job.deadline, incumbents.kept
+    seconds = best.solution.seconds | {
+        "search": incumbents.searched, "total": incumbents.spent,
+        "compilation": deadline.spent.get("compilation", 0.0),
+    }  # fmt: skip
+    strict = deadline.until(deadline.at, strict=True)
+    return read_off(request, best, kept, seconds, strict, modes)

@@ -149,7 +149,9 @@ def widened_to_sigma(known: np.ndarray, estimate) -> np.ndarray:
     information, modes = estimate.information, estimate.information.modes
     k = len(information.names)
     wider = 1.0 if estimate.fit is None else estimate.fit.widening
-    S = information.spread - wider**2 * (modes.covariance - modes.covariances[0])
+    S = information.covariance_matrix - wider**2 * (
+        modes.covariance - modes.covariances[0]
+    )
     C = made_definite(np.linalg.inv(known))
     values, V = eigh(S, C[:k, :k])  # V'CV = 1
     back = C[:k, :k] @ V

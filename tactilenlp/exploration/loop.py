@@ -20,7 +20,7 @@ from ..estimation.solver import solve_estimate
 from ..evaluation.metrics import errors_of
 from ..information.information import POSE
 from ..interface.options import Guess
-from ..interface.request import asked, check_start
+from ..interface.request import check_start, checked_request
 from ..interface.result import Estimate
 from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
@@ -170,7 +170,7 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
             check_file(file)
     several = classes_of(settings.shape)
     readings = [
-        asked(scene, one, settings.formulation, settings.options, executor)
+        checked_request(scene, one, settings.formulation, settings.options, executor)
         for one in several or [settings.shape]
     ]
     scene, shape, options, _ = readings[0]

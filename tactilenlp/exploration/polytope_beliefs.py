@@ -31,7 +31,7 @@ from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
 from ..geometry.convex_hull import hull_vertices, nearest
 from ..geometry.transforms import rotation_of
-from ..information.polytope_information import FACE_TILT
+from ..interface.readout import FACE_TILT
 from ..problem.polytope_window import LIFTED
 from . import beliefs
 from .beliefs import POSE_PRIOR_SIGMA, Belief

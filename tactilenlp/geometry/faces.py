@@ -114,7 +114,7 @@ def _moves_of_corners(estimate) -> np.ndarray:
 def _deviations(estimate, moves, n) -> np.ndarray:
     """Return sigma (c,) [m] along n (3,) of points with Jacobians (c, 3, k)."""
     J = n @ moves
-    variance = ((J @ estimate.information.spread) * J).sum(axis=1)
+    variance = ((J @ estimate.information.covariance_matrix) * J).sum(axis=1)
     return np.sqrt(np.where(variance < 0, np.inf, variance))
 
 

@@ -77,12 +77,22 @@ def quaternion_jacobian(motion, x) -> np.ndarray:
 
 
 def inverse_dynamics(kkt: KKTSystem, solution, window) -> np.ndarray:
-    """Return eq:obsinfo (k, k) with past poses by inverted Jacobians."""
-    by_last, by_theta = pose_jacobians(kkt, window)
-    return sum_of_samples(kkt.problem, solution, window, by_last, by_theta)
+    """Return eq:obsinfo (k, k) with past poses by inverted Jacobians.
+
+    Raises TactileError where their product overflows.
+    """
+    by_last, by_theta = jacobians_by_last_pose(kkt, window)
+    M = sum_of_samples(kkt.problem, solution, window, by_last, by_theta)
+    if not np.isfinite(M).all():
+        raise TactileError(
+            "the product of inverted Jacobians overflows", where="inverse_dynamics",
+            got="an infinite entry", expected="finite information",
+            next='ask for kind="exact", or for fewer actions',
+        )  # fmt: skip
+    return M
 
 
-def pose_jacobians(kkt: KKTSystem, window) -> tuple[np.ndarray, np.ndarray]:
+def jacobians_by_last_pose(kkt: KKTSystem, window) -> tuple[np.ndarray, np.ndarray]:
     """Return d pose / d last pose (poses, u, u) and d pose / d theta (poses, u, n)."""
     u, n = window.motion.unknowns, window.shape.theta
     by_last = np.tile(np.eye(u), (window.poses, 1, 1))
@@ -127,12 +137,12 @@ def _time_step(kkt: KKTSystem, window, H, s: int):
     K = sp.bmat([[bend, A[:, inside].T], [A[:, inside], floor]]).toarray()
     outside = np.concatenate([*before, theta])
     right = sp.vstack([H[inside][:, outside], A[:, outside]]).toarray()
-    moved = -np.linalg.solve(K, right)[: len(now)]
-    moved = moved * problem.scale[now][:, None] / problem.scale[outside]
+    slopes = -np.linalg.solve(K, right)[: len(now)]
+    slopes = slopes * problem.scale[now][:, None] / problem.scale[outside]
     u = len(now)
     if step.before[s] == step.before_2[s]:  # the same columns twice
-        return moved[:, :u], moved[:, 2 * u :]
-    return moved[:, :u] + moved[:, u : 2 * u], moved[:, 2 * u :]
+        return slopes[:, :u], slopes[:, 2 * u :]
+    return slopes[:, :u] + slopes[:, u : 2 * u], slopes[:, 2 * u :]
 
 
 def _latest_poses(kkt: KKTSystem, window) -> dict[str, np.ndarray]:
@@ -157,7 +167,8 @@ def sum_of_samples(problem, solution, window, by_last, by_theta=None):
     its boolean.
     """
     theta, x, n = solution.values["theta"], solution.values["x"], window.shape.theta
-    alpha, sigma_n = (_value(problem, name) for name in ("alpha", NORMAL_SCALE))
+    alpha = _sensor_parameter(problem, "alpha")
+    sigma_n = _sensor_parameter(problem, NORMAL_SCALE)
     information = sample_information(window.shape, window.motion, window.finger)
     k, total = n + len(x), np.zeros((n + len(x), n + len(x)))
     for samples, felt in ((window.touch, 1.0), (window.free, 0.0)):
@@ -193,7 +204,7 @@ def sample_information(shape, motion, finger) -> ca.Function:
     return compiled([ca.Function("sampled", inputs, out, {"cse": True})])[0]
 
 
-def _value(problem, name: str) -> float:
+def _sensor_parameter(problem, name: str) -> float:
     what = "this page has no such parameter, so eq:obsinfo has no weight"
     check_one_of(name, name, problem.parameters, what, next="ask for kind='exact'")
     return float(problem.parameters[name].value[0])

@@ -25,7 +25,7 @@ radius that is wrong for all fingers alike, no touch tells.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,9 @@ from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
 from ..nlp.kkt import KKTSystem, gradient
 from .measurement_noise import at_touches
+
+if TYPE_CHECKING:
+    from .linearisation import Linearisation
 
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
 AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
@@ -65,6 +68,19 @@ class Prior(NamedTuple):
     none: float = 1.0
 
 
+class Considered(NamedTuple):
+    """What the touches tell of a quantity that the page takes as given.
+
+    mean: where it is likeliest, against that; sigma: its standard deviation; both in
+    [m] of edges and radii, in [s] of late sensors; probability [-] that it is not as
+    given.
+    """
+
+    mean: float
+    sigma: float
+    probability: float
+
+
 @dataclass(frozen=True, eq=False)
 class Doubt:
     """What is known of a quantity r from where the page takes it, mostly from zero.
@@ -86,60 +102,43 @@ class Doubt:
         return self.information * self.mean**2 / 2
 
     @property
+    def considered(self) -> Considered:
+        """What the touches tell of r."""
+        return Considered(self.mean, self.information**-0.5, 1 / (1 + self.none))
+
+    @property
     def squared(self) -> float:
         """E[r^2]."""
         second = (1 / self.information + self.mean**2) / (1 + self.none)
         return second + self.besides**2
 
-    def covariance(self, by_gradient, moved=0.0) -> np.ndarray:
+    def covariance(self, by_gradient, velocities=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
 
-        by_gradient: see KKTSystem.sensitivity; moved (k,): how the k numbers move with
-        r at fixed unknowns.
+        by_gradient: see KKTSystem.sensitivity; velocities (k,): how the k numbers move
+        with r at fixed unknowns.
         """
-        moves = moved - by_gradient.T @ self.slope
+        moves = velocities - by_gradient.T @ self.slope
         return self.squared * np.outer(moves, moves)
 
 
-class Considered(NamedTuple):
-    """What the touches tell of a quantity that the page takes as given.
-
-    mean: where it is likeliest, against that; sigma: its standard deviation; both in
-    [m] of edges and radii, in [s] of late sensors; probability [-] that it is not as
-    given.
-    """
-
-    mean: float
-    sigma: float
-    probability: float
-
-
-def in_numbers(doubts: dict[str, Doubt]) -> dict[str, Considered]:
-    """Return what the touches tell of each quantity, by name."""
-    return {
-        name: Considered(d.mean, d.information**-0.5, 1 / (1 + d.none))
-        for name, d in doubts.items()
-    }
-
-
-def considered(at) -> dict[str, Doubt]:
-    """Return the doubts about what a programme takes as given, by name.
-
-    at: error_budget.Linearisation.  None without touches.
-    """
-    if TOUCH_TERM not in at.kkt.problem.costs:
+def doubts_of(linearisation: Linearisation) -> dict[str, Doubt]:
+    """Return the doubts about consider parameters, by name; none without touches."""
+    if TOUCH_TERM not in linearisation.kkt.problem.costs:
         return {}
-    doubts = {LATE_NORMALS: late_normals(at), LATE_TOUCHES: late_touches(at)}
-    if at.window.shape.rounded is not None:
-        doubts[ROUNDED_EDGES] = rounded_edges(at)
-    fingers = np.unique(at.window.touch.finger)
-    return doubts | {f"{RADIUS_OF}{f}": told_radius(at, f) for f in fingers.tolist()}
+    parts = {LATE_NORMALS: late_normals, LATE_TOUCHES: late_touches}
+    if linearisation.window.shape.rounded is not None:
+        parts[ROUNDED_EDGES] = rounded_edges
+    doubts = {name: doubt(linearisation) for name, doubt in parts.items()}
+    for f in np.unique(linearisation.window.touch.finger).tolist():
+        doubts[f"{RADIUS_OF}{f}"] = told_radius(linearisation, f)
+    return doubts
 
 
-def rounded_edges(at) -> Doubt:
-    """Return the doubt about sharp edges; at: as above."""
-    kkt, window, shape = at.kkt, at.window, at.window.shape
-    problem, touch = kkt.problem, window.touch
+def rounded_edges(linearisation: Linearisation) -> Doubt:
+    """Return the doubt about sharp edges."""
+    kkt, window = linearisation.kkt, linearisation.window
+    problem, shape, touch = kkt.problem, window.shape, window.touch
     values = problem.unpack(kkt.x)
     less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
     low, high = (
@@ -149,38 +148,38 @@ def rounded_edges(at) -> Doubt:
     p_wf = touch.p_wf.copy()
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
-    grown = at.job.build(replace(window, touch=touch)).data() - problem.data()
+    grown = linearisation.job.build(replace(window, touch=touch)).data()
+    grown = grown - problem.data()
     theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
         x = kkt.x.copy()
         x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
         ends.append((x, kkt.data + side * grown))
-    return _doubted(kkt, ends, RADIUS_STEP, Prior(EDGE))
+    return _doubt_by(kkt, ends, RADIUS_STEP, Prior(EDGE))
 
 
-def late_normals(at) -> Doubt:
-    """Return the doubt about normals of the instant; at: as above.
+def late_normals(linearisation: Linearisation) -> Doubt:
+    """Return the doubt about normals of the instant.
 
     Sensors average normals for longer than contacts: these may be in time.
     """
-    kkt, window, data = at.kkt, at.window, at.job.data
-    touch = window.touch
+    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
+    data, touch = job.data, window.touch
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
-    ends = ends_of(kkt, at.job.build, later)
-    return _doubted(kkt, ends, LAG_STEP, Prior(AVERAGED))
+    ends = ends_of(kkt, job.build, later)
+    return _doubt_by(kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
-def late_touches(at) -> Doubt:
+def late_touches(linearisation: Linearisation) -> Doubt:
     """Return the doubt about the latency of touches, told by the scene or estimated.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
     earlier.  One that was estimated is known to CONTACT_LATENCY: contacts are averaged.
-    at: as above.
     """
-    kkt, job = at.kkt, at.job
+    kkt, job = linearisation.kkt, linearisation.job
     latency = job.precision.latency
     prior, estimated = Prior(LATENCY), False
     if job.scene.latency is not None:
@@ -188,9 +187,9 @@ def late_touches(at) -> Doubt:
     elif latency > 0:
         prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=0.0)
         estimated = True
-    shifted = fingers_earlier(at.window, job.data, LAG_STEP)
+    shifted = fingers_earlier(linearisation.window, job.data, LAG_STEP)
     ends = ends_of(kkt, job.build, shifted)
-    doubt = _doubted(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
+    doubt = _doubt_by(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
 
@@ -208,7 +207,7 @@ def told_radius(at, finger: int) -> Doubt:
     ends = ends_of(at.kkt, at.job.build, larger)
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
     felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in at.kkt.problem.costs]
-    return _doubted(at.kkt, ends, RADIUS_STEP, prior, felt)
+    return _doubt_by(at.kkt, ends, RADIUS_STEP, prior, felt)
 
 
 def fingers_earlier(window, data, lag: float):
@@ -246,7 +245,7 @@ def ends_of(kkt: KKTSystem, build, changed) -> list:
     return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
 
 
-def _doubted(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
+def _doubt_by(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
     """Return what the touches tell of a quantity r; ends: at r = step, 0, -step."""
     b, pull, bend = derivatives(kkt.problem, ends, step, names)
     of_prior = 1 / prior.deviation**2

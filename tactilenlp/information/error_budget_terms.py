@@ -17,8 +17,8 @@ from formulations.violation_implicit import BALANCE_SIGMA
 from ..geometry.convex_hull import SIGMA_INSIDE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
+from .linearisation import ASSUMPTION_STEP, difference, kkt_residual
 from .measurement_noise import KNOWN_FACE
-from .sensitivity import ASSUMPTION_STEP, difference, kkt_residual
 from .tangent_space import rotations
 
 FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
@@ -54,8 +54,8 @@ def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
         n, m = term.instances, term.function.rows
         gives = problem.value(name + GIVES, kkt.x, kkt.data).reshape(n, -1, m)
         rows = by_constraint[term.span].reshape(n, m, -1)
-        moved = (gives @ rows).reshape(-1, len(total))
-        total += BALANCE_SIGMA**2 * moved.T @ moved
+        change = (gives @ rows).reshape(-1, len(total))
+        total += BALANCE_SIGMA**2 * change.T @ change
     return total
 
 
@@ -72,8 +72,8 @@ def friction_error(kkt: KKTSystem, by_gradient, by_constraint, name: str) -> np.
         data = kkt.data.copy()
         data[span] += side * ASSUMPTION_STEP * data[span]
         ends.append(kkt_residual(kkt.problem, kkt, data))
-    moved = difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
-    return FRICTION**2 * np.outer(moved, moved)
+    slope = difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
+    return FRICTION**2 * np.outer(slope, slope)
 
 
 def uneven_ground(kkt: KKTSystem, by_constraint, window) -> np.ndarray:
@@ -95,10 +95,10 @@ def negative_curvature(C) -> np.ndarray:
     return positive_part(-C)
 
 
-def positive_part(M) -> np.ndarray:
-    """Return the positive part of a symmetric matrix: no term reduces errors."""
+def positive_part(M, least: float = 0.0) -> np.ndarray:
+    """Return a symmetric matrix without eigenvalues below the least."""
     values, vectors = np.linalg.eigh((M + M.T) / 2)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return (vectors * np.maximum(values, least)) @ vectors.T
 
 
 def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
@@ -119,7 +119,7 @@ def stick_slip(kkt: KKTSystem, by_gradient, window, action) -> np.ndarray:
     for a, f in np.unique(np.stack([own, push.finger]), axis=1).T:
         rows = np.flatnonzero((own == a) & (push.finger == f))
         moves.append((push.sample[rows], slip[rows]))
-    return STICKING * moved_besides(kkt, by_gradient, window, moves)
+    return STICKING * error_of_motions(kkt, by_gradient, window, moves)
 
 
 def unseen_motion(response) -> np.ndarray:
@@ -130,33 +130,34 @@ def unseen_motion(response) -> np.ndarray:
     since fingers that squeeze a body make it jump; ahead of late sensors, by AHEAD.
     """
     let_go, ahead = (np.outer(k, k) for k in response.motions[1:])
-    total, window = MOVED_ON * let_go + AHEAD**2 * ahead, response.at.window
+    linearisation = response.linearisation
+    total, window = MOVED_ON * let_go + AHEAD**2 * ahead, linearisation.window
     if len(window.unseen):
-        kkt, step = response.at.kkt, window.step
+        kkt, step = linearisation.kkt, window.step
         x = kkt.problem.unpack(kkt.x)["x"]
         ways = (x[:, step.pose] - x[:, step.before]).T
         runs = ((step.sample[k], ways[j] - ways[k]) for k, j in window.unseen_runs)
-        total += MOVED_ON * moved_besides(kkt, response.by_gradient, window, runs)
+        total += MOVED_ON * error_of_motions(kkt, response.by_gradient, window, runs)
     return total
 
 
-def moved_besides(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
+def error_of_motions(kkt: KKTSystem, by_gradient, window, moves) -> np.ndarray:
     """Return the covariance (k, k) by moves of the body that a solve left out, SI.
 
     moves: of each, samples (n,) and by how much the first unknowns of the pose would
     have changed on the way to them (n, u); see `stick_slip`.
     """
     problem, x = kkt.problem, kkt.problem.variables["x"]
-    H, moved = kkt.hessian(problem.costs_of("physics")), []
+    H, errors = kkt.hessian(problem.costs_of("physics")), []
     for samples, ways in moves:
         later = samples > window.last[:, None]  # (poses, samples)
         off = np.zeros((x.columns, x.rows))
         off[:, : ways.shape[1]] = -(later @ ways)
         e = np.zeros(problem.size)
         e[x.span] = off.ravel()
-        moved.append(by_gradient.T @ (H @ e))
-    moved = np.array(moved).reshape(-1, by_gradient.shape[1])
-    return moved.T @ moved
+        errors.append(by_gradient.T @ (H @ e))
+    errors = np.array(errors).reshape(-1, by_gradient.shape[1])
+    return errors.T @ errors
 
 
 def slips(kkt: KKTSystem, window) -> np.ndarray:
@@ -210,8 +211,8 @@ def shape_prior_error(kkt: KKTSystem, by_gradient) -> np.ndarray:
     errors[problem.variables["theta"].span] = (
         radius * SIGMA_INSIDE * (u[:, :, None] * root[:, None]).reshape(u.size, -1)
     )
-    moved = by_gradient.T @ (kkt.hessian(VERTEX_PRIORS) @ errors)
-    return moved @ moved.T
+    response = by_gradient.T @ (kkt.hessian(VERTEX_PRIORS) @ errors)
+    return response @ response.T
 
 
 def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.ndarray:
@@ -228,11 +229,11 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     total = np.zeros((k, k))
     if not shape.faced:
         return total
-    known = np.asarray(faces) >= KNOWN_FACE
+    ends = np.asarray(faces) >= KNOWN_FACE
     for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():
         down = np.argmax(np.abs(lean))
-        known[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
-    for axis, (low, high) in enumerate(known):
+        ends[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
+    for axis, (low, high) in enumerate(ends):
         if low and high:
             continue
         way = np.zeros(k)
@@ -246,14 +247,17 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     return total
 
 
-def beyond_mixture(modes, at, tangent, faces, profile) -> dict[str, np.ndarray]:
+def beyond_mixture(
+    modes, linearisation, tangent, faces, profile
+) -> dict[str, np.ndarray]:
     """Return the covariances (k, k) of errors that a mixture of optima leaves out.
 
-    faces, profile: see information_of.
+    faces: see information_of; profile (k, k): see profile_likelihood.py.
     """
-    noise, grounded = at.job.precision.position, len(at.window.corner) > 0
-    beyond = untouched_faces(tangent, at.window.shape, faces, noise, grounded)
-    errors = {"untouched faces": beyond}
+    window, noise = linearisation.window, linearisation.job.precision.position
+    grounded = len(window.corner) > 0
+    untouched = untouched_faces(tangent, window.shape, faces, noise, grounded)
+    errors = {"untouched faces": untouched}
     if profile is not None:
         profile = profile @ tangent.jacobian.T
         errors["profile likelihood"] = profile_beyond(profile, modes.covariance)

@@ -47,6 +47,7 @@ from formulations.between_actions import CAUCHY, GAP
 from formulations.names import FREE_TERM, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 from ..data.contact_segments import gaps_near_touches, lone_touches
+from .measurement_noise import touches
 from .trajectory import moved_between, moved_farther
 
 PHYSICS_ROW = "physics"  # the row of all terms of that role
@@ -86,8 +87,8 @@ class Misfit:
         return POOR * self.spread + MARGIN
 
     def __add__(self, other: Misfit) -> Misfit:
-        both = self.actual + other.actual, self.expected + other.expected
-        return Misfit(*both, float(np.hypot(self.spread, other.spread)))
+        actual, expected = self.actual + other.actual, self.expected + other.expected
+        return Misfit(actual, expected, float(np.hypot(self.spread, other.spread)))
 
 
 NOTHING = Misfit(0.0, 0.0, 0.0)
@@ -179,13 +180,13 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
 
     smoothing [1]: share of the noise variance that smoothing of the paths leaves.
     """
-    if not states_touches(problem):
+    if TOUCH_TERM not in problem.costs or TOUCH_SCALE not in problem.parameters:
         return None
     x, data = solution.at(problem)
-    terms, touches = {}, ()
+    terms, misfits = {}, ()
     if len(window.touch):
         costs, terms[TOUCH_TERM] = _of_touches(problem, x, data, window, smoothing)
-        touches = _by_touch(*costs, window, measurements)
+        misfits = _by_touch(*costs, window, measurements)
     stated = {FREE_TERM, "alpha"} <= {*problem.costs, *problem.parameters}
     if stated and len(window.free):
         (alpha,) = data[problem.parameters["alpha"].span]
@@ -195,12 +196,12 @@ def fit_of(problem, solution, window, measurements, smoothing: float) -> Fit | N
     poses, total = problem.unpack(x)["x"], sum(terms.values(), start=NOTHING)
     if len(window.gap):
         terms[BETWEEN_ACTIONS] = _largest_motion(poses, window)
-    if not window.compliant and (n := len(touches)):
+    if not window.compliant and (n := len(misfits)):
         laws = problem.costs_of(PHYSICS_ROW)
         cost = sum(float(problem.value(name, x, data).sum()) for name in laws)
         terms[PHYSICS_ROW] = Misfit(cost, n, n**0.5)
     verdict, widening = verdict_of(total, *(terms[n] for n in BESIDES if n in terms))
-    fit = Fit(verdict, terms, touches, widening)
+    fit = Fit(verdict, terms, misfits, widening)
     lost = f"the body moved {1e3 * LOST:g} mm between actions"
     return fit.doubted(lost) if moved_farther(poses, window, LOST) else fit
 
@@ -225,25 +226,11 @@ def _largest_motion(x, window) -> Misfit:
 
 def _by_touch(cost, mean, variance, window, measurements) -> tuple:
     """Return the TouchMisfit of every finger in every action, the worst first."""
-    touch, misfits = window.touch, []
-    felt = np.stack([measurements.action[touch.sample], touch.finger], axis=1)
-    for pair in np.unique(felt, axis=0):
-        rows = (felt == pair).all(axis=1)
-        misfit = _misfit(cost[rows], mean[rows], variance[rows])
-        misfits.append(TouchMisfit(*pair.tolist(), misfit))
+    misfits = [
+        TouchMisfit(*of, _misfit(cost[rows], mean[rows], variance[rows]))
+        for of, rows in touches(window, measurements).items()
+    ]
     return tuple(sorted(misfits, key=lambda t: -t.misfit.excess))
-
-
-def states_touches(problem) -> bool:
-    """Tell whether a page has the touch likelihood of likelihood.py."""
-    return TOUCH_TERM in problem.costs and TOUCH_SCALE in problem.parameters
-
-
-def touch_misfit(problem, x, data, window, smoothing: float) -> Misfit:
-    """Return the Misfit of the touches, if the page states any; arguments as below."""
-    if not (states_touches(problem) and len(window.touch)):
-        return NOTHING
-    return _of_touches(problem, x, data, window, smoothing)[1]
 
 
 def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misfit]:
@@ -254,8 +241,8 @@ def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misf
     cost = problem.value(TOUCH_TERM, x, data)[:, 0]
     costs = cost, *touch_moments(problem, data, window, smoothing)
     misfit, sigma = _misfit(*costs), window.sigma_normal * (1 + window.normal_error)
-    noisier = problem, data, replace(window, sigma_normal=sigma), smoothing
-    common = touch_moments(*noisier)[0].sum() - misfit.expected
+    noisier = replace(window, sigma_normal=sigma)
+    common = touch_moments(problem, data, noisier, smoothing)[0].sum() - misfit.expected
     return costs, misfit + Misfit(0.0, 0.0, common)
 
 
@@ -265,11 +252,11 @@ def touch_moments(problem, data, window, smoothing: float):
         float(data[problem.parameters[name].span][0])
         for name in (TOUCH_SCALE, NORMAL_SCALE)
     )
-    off = np.hypot(sigma, window.touch.late_gap)
-    turned = np.hypot(sigma_n, window.touch.late_gap / window.touch.radius)
+    scale = np.hypot(sigma, window.touch.late_gap)
+    scale_n = np.hypot(sigma_n, window.touch.late_gap / window.touch.radius)
     sigma_p = window.sigma_position * np.sqrt(smoothing)
-    gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / off
-    normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / turned
+    gap = np.hypot(sigma_p, RIGID_MISFIT * sigma) / scale
+    normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / scale_n
     z, weight_z = np.polynomial.hermite_e.hermegauss(NODES)
     e, weight_e = np.polynomial.laguerre.laggauss(NODES)
     weight = weight_z[:, None] * weight_e / weight_z.sum()

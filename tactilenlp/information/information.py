@@ -1,9 +1,4 @@
-r"""Compute the information about shape and final pose, and the covariance of both.
-
-matrix   the exact information, by the reduced Hessian of the Lagrangian (nlp/kkt.py)
-spread   the covariance that `sigma` reports: the error budget (error_budget.py) of a
-         Laplace mixture of the local optima that were found (mixture.py)
-"""
+"""`Information`: what is known of shape, pose and trajectory, asked for by name."""
 
 from __future__ import annotations
 
@@ -16,38 +11,14 @@ from ..common.brief import printed
 from ..common.layout import ANY
 from ..common.validation import check_one_of, check_sample, check_types
 from ..errors import OptionError
-from ..nlp.kkt import KKTSystem
-from .consider_parameters import Considered, in_numbers
-from .error_budget import (
-    POOR_FIT,
-    Linearisation,
-    deviations,
-    errors_by_name,
-    summed,
-    variances,
-    variances_by_name,
-    with_ground,
-)
-from .error_budget_terms import beyond_mixture
-from .mixture import (
-    LocalOptimum,
-    Modes,
-    bounded,
-    distinct_modes,
-    laplace_mixture,
-    one_mode,
-    optima_in_words,
-)
-from .tangent_space import inverse, open_directions
-from .trajectory import (
-    deviations_of_path,
-    fields_of_offsets,
-    turned_with_ground,
-)
+from .consider_parameters import Considered
+from .error_budget import POOR_FIT, deviations, variances, with_ground
+from .mixture import Modes, one_mode
+from .tangent_space import inverse
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 POSE = {"position": slice(3), "rotation": slice(3, 6)}  # in `path` and `ground`
-MAX_NAMES = 4  # unknowns that name a direction
+LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 
 
 @printed
@@ -69,12 +40,12 @@ class Information:
     of its final position and rotation; considered: what touches tell of quantities that
     the page takes as given, by name; budget: variances (n,) of `names`, then of the
     rows of `maps`, by each error alone, by the names of error_budget.py: they add up to
-    those of spread; none that are zero, and empty in older files.
+    those of covariance_matrix; none that are zero, and empty in older files.
     """
 
     names: tuple[str, ...]
     matrix: np.ndarray
-    spread: np.ndarray
+    covariance_matrix: np.ndarray
     parts: dict[str, np.ndarray]
     roles: dict[str, str]
     modes: Modes
@@ -95,7 +66,7 @@ class Information:
     LAYOUT: ClassVar = {  # of the arrays in a file
         "names": ("k",),
         "matrix": ("k", "k"),
-        "spread": ("k", "k"),
+        "covariance_matrix": ("k", "k"),
         "parts/*": ("k", "k"),
         "maps/*": (ANY, "k"),
         **{f"maps/{name}": (3, "k") for name in ("position", "rotation")},
@@ -112,14 +83,15 @@ class Information:
         "considered/*": (3,),
         "budget/*": ("n",),
     }
+    NAMES_IN_FILES: ClassVar = {"covariance_matrix": "spread"}
 
     @classmethod
     def from_file(cls, maps, considered=(), budget=(), **others) -> Information:
         """Return what a file holds: arrays of `considered`, older budgets (k, k)."""
-        told = {n: Considered(*map(float, v)) for n, v in dict(considered).items()}
+        by_name = {n: Considered(*map(float, v)) for n, v in dict(considered).items()}
         errors = dict(budget).items()
         errors = {n: v if v.ndim == 1 else variances(v, maps) for n, v in errors}
-        return cls(maps=maps, considered=told, budget=errors, **others)
+        return cls(maps=maps, considered=by_name, budget=errors, **others)
 
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
@@ -128,12 +100,12 @@ class Information:
         """
         check_types(name=(name, (str, type(None))))
         if name is None:
-            return self.spread
+            return self.covariance_matrix
         if name == "finger_offset" and self.offsets is not None:
             return self.offsets
         check_one_of("information", name, sorted(self.maps), "no such quantity")
         jacobian = self.maps[name]
-        C = jacobian @ self.spread @ jacobian.T
+        C = jacobian @ self.covariance_matrix @ jacobian.T
         if self.ground is None or name not in POSE:
             return C
         return np.nan_to_num(C) + self.ground[POSE[name], POSE[name]]
@@ -185,32 +157,23 @@ class Information:
 
     def correlation(self) -> np.ndarray:
         """Return the correlation matrix (k, k) of `names`."""
-        d = np.sqrt(np.abs(np.diag(self.spread)))
-        return self.spread / np.outer(d, d)
+        d = np.sqrt(np.abs(np.diag(self.covariance_matrix)))
+        return self.covariance_matrix / np.outer(d, d)
 
     def part(self, name: str) -> np.ndarray:
         """Return what one term, or all terms of a role, add to the matrix (k, k)."""
         check_types(name=(name, str))
-        known = sorted({*self.roles, *self.roles.values()})
-        check_one_of("information", name, known, "no such term or role")
+        names = sorted({*self.roles, *self.roles.values()})
+        check_one_of("information", name, names, "no such term or role")
         return sum(self.parts[n] for n, role in self.roles.items() if name in (n, role))
-
-    @property
-    def also(self) -> tuple[str, ...]:
-        """Sentences: the probability of what is reported and of each other optimum.
-
-        Empty where there is no other optimum; the percentages add up to 100.
-        """
-        sigma = np.sqrt(np.maximum(np.diag(self.spread), 0.0))
-        return optima_in_words(self.modes, self.names, sigma)
 
     def widened(self, factor: float) -> Information:
         """Return the same, all standard deviations multiplied by a factor."""
-        powers = {"spread": 2, "ground": 2, "offsets": 2, "path": 1}
+        powers = {"covariance_matrix": 2, "ground": 2, "offsets": 2, "path": 1}
         own = {n: v for n, v in vars(self).items() if n in powers and v is not None}
         wide = {n: factor ** powers[n] * v for n, v in own.items()}
         if (budget := self.budget) and factor != 1.0:
-            more = variances((factor**2 - 1) * self.spread, self.maps)
+            more = variances((factor**2 - 1) * self.covariance_matrix, self.maps)
             budget = budget | {POOR_FIT: budget.get(POOR_FIT, 0.0) + more}
         return replace(self, budget=budget, **wide)
 
@@ -218,74 +181,22 @@ class Information:
         """Return the same, its sigma that of the Hessian alone, of one optimum."""
         return self.of_matrix(self.matrix)
 
-    def of_matrix(self, matrix, spread=None) -> Information:
-        """Return the information of another kind; spread: by default its inverse."""
-        spread = inverse(matrix) if spread is None else spread
-        alone = one_mode(self.modes.objectives[0], spread)
-        none = dict.fromkeys(("path", "ground", "offsets", "with_offsets"))
-        none |= {"matrix": matrix, "spread": spread}
-        none |= {name: {} for name in ("parts", "roles", "budget")}
-        return replace(self, modes=alone, **none)
+    def of_matrix(self, matrix, covariance=None) -> Information:
+        """Return the information of another kind; covariance: else its inverse."""
+        covariance = inverse(matrix) if covariance is None else covariance
+        return replace(
+            self, matrix=matrix, covariance_matrix=covariance, parts={}, roles={},
+            budget={}, modes=one_mode(self.modes.objectives[0], covariance),
+            path=None, ground=None, offsets=None, with_offsets=None,
+        )  # fmt: skip
 
 
-def information_of(
-    at: Linearisation, solution, tangent, faces, others=(), profile=None
-) -> Information:
-    """Return the information about theta and the last pose of a solved problem.
+def vertex_information(estimate) -> np.ndarray:
+    """Return log det of the information about each vertex (V,), the others unknown.
 
-    tangent: its TangentSpace; faces: (axes, 2) number of samples that touched each
-    face; others: LocalOptima of the same data; profile (k, k), of the unknowns: see
-    profile_likelihood.py.
+    In nats, of lengths in metres: what colours the vertices of the paper's figures.
     """
-    window, shape = at.window, at.window.shape
-    turned, ground = turned_with_ground(at, tangent)
-    response = at.response(tangent.chosen, tangent.jacobian, turned)
-    C = response.hessian
-    errors, objective = errors_by_name(response), solution.objective
-    best = LocalOptimum(tangent.z, tangent.R, objective, C, solution, window)
-    optima = distinct_modes(shape, [best, *others])
-    modes = laplace_mixture(shape, optima, summed(errors))
-    beyond = beyond_mixture(modes, at, tangent, faces, profile)
-    errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
-    path = deviations_of_path(at, tangent, modes, optima, more)
-    more = modes.covariance + more
-    covariance, errors = bounded(errors, more, shape)
-    words, directions = open_directions(tangent, covariance, shape, faces)
-    return at_solution(
-        at, response, tangent, inverse(C), errors, spread=covariance, modes=modes,
-        unobserved=words, directions=directions, indefinite=_indefinite(at.kkt),
-        path=path, ground=ground, **fields_of_offsets(at, tangent),
-    )  # fmt: skip
-
-
-def at_solution(at, response, tangent, matrix, errors, **others) -> Information:
-    """Return the information about the coordinates of a tangent space.
-
-    matrix (k, k): by the Hessian; errors: the covariances (k, k) of the budget, by
-    name; others: the fields that no linearisation gives.
-    """
-    kkt, by_gradient = at.kkt, response.by_gradient
-    parts = {
-        name: matrix @ (by_gradient.T @ (H @ by_gradient)) @ matrix
-        for name, H in kkt.hessians.items()
-    }
-    roles = {name: kkt.problem.terms[name].role or "constraint" for name in parts}
-    return Information(
-        names=tangent.names, matrix=matrix, parts=parts, roles=roles,
-        maps=tangent.maps, fixed=tangent.fixed, active=kkt.active,
-        ambiguous=kkt.ambiguous, considered=in_numbers(at.doubts),
-        budget=variances_by_name(errors, tangent.maps), **others,
-    )  # fmt: skip
-
-
-def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:
-    """Name the term and the unknowns along which the reduced Hessian curves down."""
-    if kkt.negative is None:
-        return ()
-    term, direction = kkt.negative
-    share = np.abs(direction / kkt.problem.scale)
-    worst, where = np.argsort(share)[::-1][:MAX_NAMES], []
-    for name, v in kkt.problem.variables.items():
-        for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
-            where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
-    return (f"{term} along {', '.join(where)}",)
+    check_types(estimate=(estimate, "Estimate"))
+    C, V = estimate.information.covariance("vertices"), len(estimate.vertices)
+    blocks = np.einsum("iaib->iab", C.reshape(V, 3, V, 3))
+    return -np.linalg.slogdet(blocks + LEAST_DEVIATION**2 * np.eye(3))[1]

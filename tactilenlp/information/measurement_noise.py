@@ -60,15 +60,15 @@ class MixedDerivatives:
 
 def mixed_derivatives(kkt: KKTSystem, job, window) -> list[MixedDerivatives]:
     """Return the mixed derivatives of every term that reads measurements of a job."""
-    source, found = measurement_numbers(kkt, job, window), []
+    source, mixed = measurement_numbers(kkt, job, window), []
     for name, term in kkt.problem.terms.items():
         number = source[term.data]
         columns = np.nonzero((number >= 0).any(axis=0))[0]
         if len(columns):
             slope, value = _differences(kkt, name, columns)
             value = value if name in kkt.problem.constraints else None
-            found.append(MixedDerivatives(term, slope, value, number))
-    return found
+            mixed.append(MixedDerivatives(term, slope, value, number))
+    return mixed
 
 
 def sensitivity_to_measurements(
@@ -80,15 +80,15 @@ def sensitivity_to_measurements(
     by_gradient, by_constraint: see KKTSystem.sensitivity.
     """
     shape = (*data.contact.shape, 3)
-    moved = np.zeros((2 * int(np.prod(shape)), by_gradient.shape[1]))
+    sensitivity = np.zeros((2 * int(np.prod(shape)), by_gradient.shape[1]))
     for mixed in through:
         term, read = mixed.term, mixed.number >= 0
         change = np.einsum("ivk,ivd->idk", by_gradient[term.unknowns], mixed.slope)
         if mixed.value is not None:
             rows = by_constraint[term.span].reshape(*mixed.value.shape[:2], -1)
             change += np.einsum("irk,ird->idk", rows, mixed.value)
-        np.add.at(moved, mixed.number[read], -change[read])
-    by_position, by_normal = moved.T.reshape(-1, 2, *shape).swapaxes(0, 1)
+        np.add.at(sensitivity, mixed.number[read], -change[read])
+    by_position, by_normal = sensitivity.T.reshape(-1, 2, *shape).swapaxes(0, 1)
     return by_position, by_normal
 
 
@@ -191,7 +191,8 @@ def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     turn = min(turn, residual_of_normals(kkt, window) ** 2)
     along = np.einsum("ktfc,tfc->ktf", by_position, data.normal)
     across = tangential(by_normal, data.normal).reshape(k, -1)
-    whole = [along[:, t, f].sum(axis=1) for t, f in touches(window, data)]
+    felt = along[:, window.touch.sample, window.touch.finger]
+    whole = [felt[:, rows].sum(axis=1) for rows in touches(window, data).values()]
     whole = np.reshape(whole, (len(whole), k)).T
     off = gaps_of_touches(kkt, window, data).max(initial=0.0)
     # Two that disagree share it.
@@ -201,13 +202,13 @@ def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
     return noise + apart * whole @ whole.T
 
 
-def touches(window, data) -> list:
-    """Return (samples, finger) of every touch: a finger's in an action."""
-    touch, found = window.touch, {}
-    actions = data.action[touch.sample]
-    for sample, finger, action in zip(touch.sample, touch.finger, actions, strict=True):
-        found.setdefault((action, finger), []).append(sample)
-    return [(np.array(samples), finger) for (_, finger), samples in found.items()]
+def touches(window, data) -> dict[tuple[int, int], list[int]]:
+    """Return the rows of window.touch of every touch, by action and finger."""
+    touch, rows_of = window.touch, {}
+    keys = zip(data.action[touch.sample].tolist(), touch.finger.tolist(), strict=True)
+    for row, key in enumerate(keys):
+        rows_of.setdefault(key, []).append(row)
+    return rows_of
 
 
 def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
@@ -222,16 +223,16 @@ def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
     if OFFSET in values:
         p_wf[:3] += values[OFFSET][:, touch.finger]
     gap = at_touches(window, values, p_wf, window.finger.gap)[:, 0]
-    known = kkt.problem.parameters
-    if COMPLIANCE in known:
+    parameters = kkt.problem.parameters
+    if COMPLIANCE in parameters:
         inside = kkt.problem.value(INDENTATION, kkt.x, kkt.data)
         gap = gap + inside[:, 0]
     else:  # compliance that is estimated may stand for another error of the fingers
         gap = gap + np.ravel(values.get(DEPTH_OF_TOUCH, 0.0))[0]
-    off = []
-    for samples, finger in touches(window, data):
-        mine = (touch.finger == finger) & np.isin(touch.sample, samples)
-        off.append(abs(np.median(gap[mine])) if len(samples) >= KNOWN_FACE else 0.0)
+    off = [
+        abs(np.median(gap[rows])) if len(rows) >= KNOWN_FACE else 0.0
+        for rows in touches(window, data).values()
+    ]
     return np.array(off)
 
 
@@ -261,8 +262,8 @@ def at_touches(window, values, p_wf, of) -> np.ndarray:
     sizes = len(seen), window.motion.unknowns, len(p_wf), 1
     symbols = [ca.SX.sym("s", n) for n in sizes]
     theta, x, p, rho = symbols
-    found = of(shape, theta, window.motion.pose(shape, theta, x), p, rho)
-    modelled = ca.Function("modelled", symbols, [found]).map(len(touch))(
+    value = of(shape, theta, window.motion.pose(shape, theta, x), p, rho)
+    modelled = ca.Function("modelled", symbols, [value]).map(len(touch))(
         seen, values["x"][:, touch.pose], p_wf, touch.radius[None]
     )  # fmt: skip
     return np.asarray(modelled).T

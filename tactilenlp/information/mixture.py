@@ -30,16 +30,17 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.special import gammaln
 
 from formulations.rigid_body import ARM
 
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
-from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose
+from .error_budget import PRIORS
+from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose, positive_part
 from .tangent_space import TangentSpace, rotations, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
-MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 NEGLIGIBLE_WEIGHT = 2.7e-3  # [-] beyond three deviations: less does not count
 
 
@@ -59,14 +60,11 @@ class LocalOptimum(NamedTuple):
     window: object = None
 
 
-def optimum_of(kkt: KKTSystem, at: TangentSpace, solution, window) -> LocalOptimum:
-    """Return where a solve ended, with the covariance by the Hessian.
-
-    at: the coordinates of shape and final pose there.
-    """
-    C = kkt.marginal(at.chosen)
-    C = at.jacobian @ ((C + C.T) / 2) @ at.jacobian.T
-    return LocalOptimum(at.z, at.R, solution.objective, C, solution, window)
+def optimum_of(kkt: KKTSystem, tangent: TangentSpace, solution, window) -> LocalOptimum:
+    """Return where a solve ended, with the covariance by the Hessian."""
+    C, J = kkt.marginal(tangent.chosen), tangent.jacobian
+    C = J @ ((C + C.T) / 2) @ J.T
+    return LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
 
 
 @printed
@@ -162,6 +160,33 @@ def occam_of(kkt: KKTSystem, name: str) -> float:
     return occam_factor(kkt.marginal(name), prior)[0]
 
 
+def occam_of_hull(kkt: KKTSystem) -> float:
+    """Return what the evidence loses by the vertices of a solved page [nats].
+
+    Before the data they are as open as the page's priors and its regulariser `stay`
+    leave them, about the ball where it ended.
+    """
+    problem, own = kkt.problem, kkt.problem.variables["theta"].span
+    held = kkt.hessian(problem.costs_of(*PRIORS))[own][:, own].toarray()
+    return occam_of_vertices(kkt.marginal("theta"), held)
+
+
+def occam_of_vertices(covariance, held) -> float:
+    r"""Return what the evidence of a hull loses by its V vertices [nats].
+
+        log(prior volume / posterior volume) - log(V! / (V - k)!)
+
+    k: how many vertices the data tell, a third of the directions that they do.  Each
+    order in which vertices can be listed is an optimum of its own as far as the data
+    tell them apart.  covariance (3 V, 3 V) by the Hessian; held (3 V, 3 V): what holds
+    them before the data (PRIORS), of which they lie within REACHED at least.
+    """
+    prior = positive_part(held, least=1 / REACHED**2)
+    lost, directions = occam_factor(covariance, prior)
+    V, k = len(held) / 3, directions / 3
+    return float(lost - gammaln(V + 1) + gammaln(V - k + 1))
+
+
 def one_mode(objective: float, covariance) -> Modes:
     """Return the modes of an estimate without alternatives."""
     zero = np.zeros((1, len(covariance)))
@@ -213,45 +238,6 @@ def distinct_modes(shape, optima) -> list[LocalOptimum]:
     return kept
 
 
-def optima_in_words(modes: Modes, names, sigma) -> tuple[str, ...]:
-    """Return sentences: the probability of the first optimum, and of each other one.
-
-    names, sigma: of the k numbers.  Empty where there is one; percentages sum to 100.
-    """
-    other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
-    if not len(other):
-        return ()
-    listed = modes.weights[[0, *other]]
-    shares = whole_percentages(np.r_[listed, max(1 - listed.sum(), 0.0)])
-    words = [f"What is reported has a probability of {shares[0]} %."]
-    for share, off in zip(shares[1:-1], modes.offsets[other], strict=True):
-        most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
-        parts = [_larger(names[i], off[i]) for i in most]
-        words.append(f"With {share} %, {' and '.join(parts)}.")
-    if shares[-1]:
-        words.append(f"All other optima together have {shares[-1]} %.")
-    return tuple(words)
-
-
-def _larger(name: str, by: float) -> str:
-    """Return in words by what a number differs: in the unit of its name, [m], [rad]."""
-    name, _, unit = name.partition(" [")
-    scale, words = (180 / np.pi, "deg") if "rotation" in name else (1e3, "mm")
-    if unit:
-        scale, words = 1.0, unit[:-1]
-    way = "larger" if by > 0 else "smaller"
-    return f"{name} is {abs(by) * scale:.1f} {words} {way}"
-
-
-def whole_percentages(probabilities) -> list[int]:
-    """Return percentages, whole numbers that add up to 100 (largest remainders)."""
-    exact = 100 * np.asarray(probabilities) / np.sum(probabilities)
-    whole = np.floor(exact).astype(int)
-    most = np.argsort(whole - exact, kind="stable")[: 100 - whole.sum()]
-    whole[most] += 1
-    return whole.tolist()
-
-
 def _units(shape, k: int) -> np.ndarray:
     """Return by what unknowns (k,) are multiplied to compare them, [1] or [m/rad]."""
     return np.where(np.arange(k) < k - rotations(shape.theta, k), 1.0, ARM)
@@ -280,10 +266,19 @@ def aligned(shape, mode: LocalOptimum, reference: LocalOptimum):
 
 def relabelling(shape, R, R_0) -> tuple:
     """Return the order of theta and the axes (3, 3) by which R is nearest to R_0."""
-    ways = [(order, np.array(S, float)) for order, S in shape.relabellings]
-    turned = R @ np.array([S for _, S in ways])
-    far = np.linalg.norm(turn_between(shape, turned, R_0[None]), axis=1)
+    ways = relabellings(shape)
+    frames = R @ np.array([S for _, S in ways])
+    far = np.linalg.norm(turn_between(shape, frames, R_0[None]), axis=1)
     return ways[int(np.argmin(np.round(far, 9)))]
+
+
+def relabellings(shape, upright: bool = False) -> list[tuple[list[int], np.ndarray]]:
+    """Return all orders of theta and axes (3, 3) under which a body is the same.
+
+    upright: those alone that keep which way its z axis points, as in planar motion.
+    """
+    ways = [(list(order), np.array(S, float)) for order, S in shape.relabellings]
+    return [way for way in ways if not upright or way[1][2, 2] > 0]
 
 
 def turn_between(shape, R, R_0) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Describe the tangent space of shape and pose; name unobserved directions.
 
 Coordinates of the pose are its position and a small rotation about the world's axes;
-of planar motion they are its unknowns, in the frame of the ground.
+of planar motion they are its unknowns, in the frame of the ground.  The last pose of a
+polytope is held: its vertices at the last sample carry all of the uncertainty.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..geometry.convex_hull import centroid
 from .measurement_noise import KNOWN_FACE
 
 AXES = ("x", "y", "z")
@@ -84,6 +86,34 @@ def tangent_space_of(problem, solution, window, R_wg) -> TangentSpace:
         fixed = ["tilt against the ground"]
     maps = quantities | {"position": position, "rotation": rotation}
     return TangentSpace(names, chosen, tangent, maps, tuple(fixed), at, R, first, up)
+
+
+def tangent_space_of_hull(problem, solution, R_wg) -> TangentSpace:
+    """Return the vertices at the last sample, world frame, as coordinates."""
+    theta, V = problem.variables["theta"], solution.values["theta"].T
+    names = tuple(f"vertex {j} {w}" for j in range(len(V)) for w in "xyz")
+    turn = np.kron(np.eye(len(V)), R_wg)
+    middle = R_wg @ (slope_of_centroid(V) @ turn.T)
+    maps = {
+        "vertices": np.eye(V.size) - np.tile(middle, (len(V), 1)),
+        "position": middle,
+        "rotation": np.zeros((3, V.size)),
+    }
+    fixed = ("rotation: the body's axes are the world's at the last sample",)
+    chosen = np.arange(theta.span.start, theta.span.stop)
+    return TangentSpace(names, chosen, turn, maps, fixed)
+
+
+def slope_of_centroid(vertices) -> np.ndarray:
+    """Return how the hull's centroid follows its vertices, (3, 3 V), by differences."""
+    step, slopes = 1e-6, []
+    for i in range(vertices.size):
+        changed = vertices.copy().ravel()
+        changed[i] += step
+        ahead = centroid(changed.reshape(-1, 3))
+        changed[i] -= 2 * step
+        slopes.append((ahead - centroid(changed.reshape(-1, 3))) / (2 * step))
+    return np.array(slopes).T
 
 
 def tangent_of(shape, motion, at, R_wg) -> np.ndarray:

@@ -25,8 +25,9 @@ from formulations.ground_contact import REST
 from formulations.rigid_body import ARM, LEAST_ARM
 
 from ..geometry.transforms import is_planar, matrices
-from .error_budget import Linearisation, errors_by_name, summed
+from .error_budget import errors_by_name, summed
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
+from .linearisation import Linearisation
 from .mixture import relabelling, turn_between
 from .tangent_space import inverse, pose_jacobians
 
@@ -34,7 +35,7 @@ LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POSES = 40  # of a trajectory whose covariance is computed
 
 
-def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
+def trajectory_variance(linearisation: Linearisation, middle, carried=None, optima=()):
     """Return the variances (T, 6) of position [m^2] and rotation [rad^2], world frame.
 
     middle: the point of the body whose position is meant (3,), body frame, and how it
@@ -42,23 +43,28 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     besides its error budget, if there are any: their covariance (k, k), and the maps
     (6, k) to position and rotation; optima: weight and LocalOptimum of others.
     """
-    window, values, R_wg = at.window, at.values, at.R_wg
+    window, values = linearisation.window, linearisation.values
+    tilt, R_wg, problem = (
+        linearisation.tilt,
+        linearisation.R_wg,
+        linearisation.kkt.problem,
+    )
     poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
     theta, x = values["theta"].T.ravel(), values["x"][:, poses]
     p, R, J_p, J_R = pose_jacobians(window.shape, window.motion, theta, x)
     p, J_p = _of_point(p, R, J_p, J_R, *middle)
-    jacobian, chosen = _stacked(at.kkt.problem, poses, R_wg @ J_p, R_wg @ J_R)
-    free, turned = window.motion.name == "free", 0.0
+    jacobian, chosen = _stacked(problem, poses, R_wg @ J_p, R_wg @ J_R)
+    free, by_ground = window.motion.name == "free", 0.0
     moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)
     variance = np.zeros(6 * len(poses))
-    if free and at.tilt is not None:
-        turned = at.tilt.turned(p).reshape(-1, 2)[moving]
-    budget = summed(errors_by_name(at.response(chosen, jacobian[moving], turned)))
+    if free and tilt is not None:
+        by_ground = tilt.slopes_of_poses(p).reshape(-1, 2)[moving]
+    response = linearisation.response(chosen, jacobian[moving], by_ground)
+    budget = summed(errors_by_name(response))
     variance[moving] = (1.0 - sum(weight for weight, _ in optima)) * np.diag(budget)
     variance = variance.reshape(-1, 6)
-    if not free and at.tilt is not None:
-        more = errors_of_ground(at, p)
-        variance += np.diagonal(more, axis1=1, axis2=2)
+    if not free and tilt is not None:
+        variance += np.diagonal(errors_of_ground(linearisation, p), axis1=1, axis2=2)
     if carried is not None:
         variance += _carried(*carried, R, R_wg)
     for weight, optimum in optima:
@@ -69,7 +75,9 @@ def trajectory_variance(at: Linearisation, middle, carried=None, optima=()):
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
 
 
-def deviations_of_path(at, tangent, modes, optima, beyond) -> np.ndarray:
+def deviations_of_path(
+    linearisation: Linearisation, tangent, modes, optima, beyond
+) -> np.ndarray:
     """Return the deviations (T, 6) of the pose at every sample.
 
     modes: of optima; beyond (k, k): what the final pose has besides their mixture.
@@ -78,36 +86,40 @@ def deviations_of_path(at, tangent, modes, optima, beyond) -> np.ndarray:
     others = [(weight, optimum) for weight, optimum in pairs if weight]
     more = beyond + np.einsum("m,mij->ij", modes.weights[1:], modes.covariances[1:])
     maps = np.concatenate([tangent.maps["position"], tangent.maps["rotation"]])
-    middle = np.zeros(3), np.zeros((3, at.window.shape.theta))
-    variance = trajectory_variance(at, middle, (more, maps), others)
-    if at.tilt is None or at.window.motion.name == "free":
+    middle = np.zeros(3), np.zeros((3, linearisation.window.shape.theta))
+    variance = trajectory_variance(linearisation, middle, (more, maps), others)
+    if linearisation.tilt is None or linearisation.window.motion.name == "free":
         variance[:, 3:][:, np.isnan(tangent.maps["rotation"]).any(axis=1)] = np.nan
     return np.sqrt(variance)
 
 
-def turned_with_ground(at: Linearisation, tangent) -> tuple:
+def response_to_ground(linearisation: Linearisation, tangent) -> tuple:
     """Return how the coordinates z (k, 2) turn with the ground, and Information.ground.
 
     In planar motion z is in the ground's frame: there the latter adds what turns.
     """
-    if at.tilt is None:
+    tilt, window = linearisation.tilt, linearisation.window
+    if tilt is None:
         return 0.0, None
-    p = at.end[None]
-    if at.window.motion.name != "free":
-        return 0.0, errors_of_ground(at, p)[0]
-    turned = at.tilt.turned(p)[0]
-    return np.vstack([np.zeros((len(tangent.z) - 6, 2)), turned]), None
+    if window.shape.last_pose_held:
+        vertices = tilt.slopes_of_poses(linearisation.values["theta"].T)
+        return vertices[:, :3].reshape(-1, 2), None
+    p = linearisation.end[None]
+    if window.motion.name != "free":
+        return 0.0, errors_of_ground(linearisation, p)[0]
+    pose = tilt.slopes_of_poses(p)[0]
+    return np.vstack([np.zeros((len(tangent.z) - 6, 2)), pose]), None
 
 
-def errors_of_ground(at: Linearisation, points) -> np.ndarray:
+def errors_of_ground(linearisation: Linearisation, points) -> np.ndarray:
     """Return covariances (n, 6, 6) of poses in planar motion, world frame.
 
     By the tilt of the ground's frame, and by corners that stand UNEVEN off its plane.
     points (n, 3) [m]: where the poses are, ground frame.
     """
-    turned, R_wg = at.tilt.turned(points), at.R_wg
-    C = turned @ at.tilt.squared @ turned.swapaxes(1, 2)
-    legs = at.window.supports(at.values["theta"].T.ravel())
+    poses, R_wg = linearisation.tilt.slopes_of_poses(points), linearisation.R_wg
+    C = poses @ linearisation.tilt.squared @ poses.swapaxes(1, 2)
+    legs = linearisation.window.supports(linearisation.values["theta"].T.ravel())
     arm = np.maximum(np.sum(legs[:, :2] ** 2) / 2, LEAST_ARM**2)
     rocks = (UNEVEN * REST) ** 2 / arm * R_wg[:, :2] @ R_wg[:, :2].T
     C[:, 3:, 3:] += rocks
@@ -177,8 +189,8 @@ def _ways(x, to, before) -> np.ndarray:
     if is_planar(x):
         x = np.vstack([x[:2], np.zeros((3, x.shape[1])), x[2]])
     R, off = matrices(x), x[:3, to] - x[:3, before]
-    turned = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
-    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turned)
+    turn = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
+    return np.sqrt((off**2).sum(axis=0) + ARM**2 * turn)
 
 
 # Constant offsets of the finger positions
@@ -189,22 +201,22 @@ def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     return (R_wg @ values[OFFSET]).T if OFFSET in values else None
 
 
-def fields_of_offsets(at: Linearisation, tangent) -> dict:
+def fields_of_offsets(linearisation: Linearisation, tangent) -> dict:
     """Return the fields of an Information that tell of offsets; none if they are known.
 
     The covariance of the offsets, finger by finger, (3 F, 3 F) [m^2] by the error
     budget; the information by the Hessian about shape and final pose, in their tangent
     space, and the page's own offsets (k + 3 F, k + 3 F).
     """
-    variables = at.kkt.problem.variables
+    variables = linearisation.kkt.problem.variables
     if OFFSET not in variables:
         return {}
     own = np.arange(variables[OFFSET].span.start, variables[OFFSET].span.stop)
-    turn = np.kron(np.eye(len(own) // 3), at.R_wg)
+    turn = np.kron(np.eye(len(own) // 3), linearisation.R_wg)
     chosen = np.r_[tangent.chosen, own]
     jacobian = block_diag(tangent.jacobian, np.eye(len(own)))
-    C = jacobian @ at.kkt.marginal(chosen) @ jacobian.T
-    errors = summed(errors_by_name(at.response(own, turn)))
+    C = jacobian @ linearisation.kkt.marginal(chosen) @ jacobian.T
+    errors = summed(errors_by_name(linearisation.response(own, turn)))
     return {"offsets": errors, "with_offsets": inverse((C + C.T) / 2)}
 
 

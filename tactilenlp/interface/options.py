@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..common.brief import printed
 from ..common.validation import as_floats, as_number, check_types, check_whole
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
-from ..problem.reductions import Reductions
+from ..problem.reductions import REDUCTION_NAMES, Reductions
 from ..search.hypothesis import FunctionsByPage
 from ..solvers.options import check_positive
 
@@ -27,69 +27,64 @@ NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
 class Options:
     """How to estimate.
 
-    seed:           has no effect; a FutureWarning if it is given
-    reduce:         instead of `without`: True or False for all, a Reductions, or names
-    hypotheses:     [-], kept for an update; by default by the sensors' noise, as starts
-    starts:         [-], of the page, per estimate (NOISY_WIDTHS, PRECISE_WIDTHS)
-    tolerance:      [-], of the optimality conditions of the last solve, scaled
-    time_limit:     [s], of all, compilation included, kept within 10 % or 1 s: actions
-                    not searched are extrapolated; the status says what was left out
-    ipopt:          options by IPOPT's names; with one that is no field of
-                    solvers.options.Settings, IPOPT solves everything
-    rivals:         hold each size that no touch determines, a position and a yaw away
-                    from the optimum, and solve again: profile likelihoods, which give
-                    these a sigma and may meet a better optimum
+    hypotheses: [-], kept for an update; by default by the sensors' noise, as starts
+    starts: [-], of the page, per estimate (NOISY_WIDTHS, PRECISE_WIDTHS)
+    tolerance: [-], of the optimality conditions of the last solve, scaled
+    time_limit: [s], of all, compilation included, kept within 10 % or 1 s: actions not
+        searched are extrapolated; the status says what was left out
+    ipopt: options by IPOPT's names; with one that is no field of
+        solvers.options.Settings, IPOPT solves everything
+    profile_likelihood: hold each size that no touch determines, a position and a yaw
+        away from the optimum, and solve again: gives these a sigma, and may meet a
+        better optimum
     check_mistakes: refuse measurements in which axes, signs, units, fingers or times
-                    are probably wrong (MistakeError); name a likely mistake where the
-                    fit is not good
-    without:        names of reductions not to make: ("planar",) for what may tilt
+        are probably wrong (MistakeError); name a likely mistake where the fit is not
+        good
+    without: names of reductions not to make: ("planar",) for what may tilt
+    reduce: older than `without`, which it is turned into with a FutureWarning: the same
+        names, False for all, or a Reductions
     """
 
-    seed: int | None = None
-    reduce: object = True
     hypotheses: int | None = None
     starts: int | None = None
     tolerance: float = 1e-6
     time_limit: float = 600.0
     ipopt: dict = field(default_factory=dict)
-    rivals: bool = True
+    profile_likelihood: bool = True
     check_mistakes: bool = True
     without: object = ()
+    reduce: InitVar[object] = True
 
-    def __post_init__(self):
+    def __post_init__(self, reduce):
         check_types(
-            seed=(self.seed, (int, type(None))), ipopt=(self.ipopt, dict),
-            rivals=(self.rivals, bool), check_mistakes=(self.check_mistakes, bool),
+            ipopt=(self.ipopt, dict), check_mistakes=(self.check_mistakes, bool),
+            profile_likelihood=(self.profile_likelihood, bool),
         )  # fmt: skip
-        if self.seed is not None:
-            words = "Options.seed has no effect: an estimate draws from a fixed seed"
-            warnings.warn(words, FutureWarning, stacklevel=4)
-        self._read_reductions()
+        without = self.without if reduce is True else self._without_by(reduce)
+        Reductions.of(without)
+        names = (without,) if isinstance(without, str) else tuple(without)
+        object.__setattr__(self, "without", names)
         for name in ("hypotheses", "starts"):
             if (value := getattr(self, name)) is not None:
                 check_whole(name, value, 1, MOST_STARTS)
         check_positive(self, "tolerance", "time_limit")
 
-    def _read_reductions(self) -> None:
-        """Check `without` and `reduce`, of which one is given; make names a tuple."""
-        if isinstance(self.without, str):
-            object.__setattr__(self, "without", (self.without,))
-        many = isinstance(self.without, (tuple, list, set, frozenset))
-        if not many or (self.without and self.reduce is not True):
+    def _without_by(self, reduce):
+        """Return what `reduce` is as `without`, with a FutureWarning."""
+        if self.without:
             raise OptionError(
-                "two choices of reductions" if many else "no names of reductions",
-                where="without", got=shortened(self.without, most=80),
-                expected='names of reductions not to make, such as ("planar",)',
-                next="leave reduce out" if many else "",
+                "two choices of reductions", where="without",
+                got=shortened(self.without, most=80), next="leave reduce out",
             )  # fmt: skip
-        object.__setattr__(self, "without", tuple(self.without))
-        Reductions.of(self.reduce)
-        Reductions.of(self.without, "without")
+        warnings.warn("Options(reduce=) is without=", FutureWarning, stacklevel=5)
+        if isinstance(reduce, Reductions):
+            return [name for name in REDUCTION_NAMES if not getattr(reduce, name)]
+        return REDUCTION_NAMES if reduce is False else reduce
 
     @property
     def reductions(self) -> Reductions:
         """The reductions that may be made."""
-        return Reductions.of(self.without or self.reduce)
+        return Reductions.of(self.without)
 
     def widths(self, precise: bool) -> tuple[int, int]:
         """Return hypotheses and starts for sensors that are precise, or for others."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -16,14 +16,21 @@ from ..common.npz import versions
 from ..data.ground import frame_of
 from ..data.mistakes import suspected
 from ..data.sensor_noise import in_time, with_fingers_earlier
-from ..geometry.convex_hull import centroid
+from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.faces import polygons
-from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
-from ..information.error_budget import OF_PRIORS, Linearisation, variances_by_name
+from ..geometry.transforms import (
+    directions_in_body,
+    is_planar,
+    matrices,
+    quaternion_of,
+    rotate_planar,
+)
+from ..information.error_budget import OF_PRIORS, variances_by_name
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
-from ..information.information import Information, information_of
+from ..information.information import Information
+from ..information.laplace_approximation import information_of
+from ..information.linearisation import Linearisation
 from ..information.mixture import one_mode
-from ..information.polytope_information import polytope_information, touched_polygons
 from ..information.tangent_space import widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
 from ..nlp.kkt import kkt_system_of
@@ -33,6 +40,10 @@ from ..tracking.surface import body_surface
 from .request import CHECK_FOR_MISTAKES, Request
 from .result import SOLVED, Estimate
 
+FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
+FACE_TILT = 0.05  # [rad] as exact as touched faces come out
+# [rad], deviations: a touch at most so far off is of a face
+MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 FAR_OFF = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
 
@@ -49,9 +60,11 @@ def read_off(
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
     body = (read_hull if job.shape.last_pose_held else read_sized)(job, solved)
-    information = information_in_time(job, solved, body.faces, modes)
+    information = information_in_time(job, solved, body["faces"], modes)
     status = deadline.marked(solution.status)
-    fit = fit_of_page(solved, job, request.data)
+    fit = with_doubts(solved.fit, solved.skipped)
+    if solution.success:
+        fit = with_suspicion(fit, job, request.data)
     if fit is not None:
         if NOT_COMPUTED in information.unobserved:  # sigma is that of the prior
             fit = replace(fit, widening=1.0)
@@ -61,25 +74,15 @@ def read_off(
         scene=job.scene,
         shape=job.shape.name,
         formulation=name_of(job.page),
-        options=_plain(request.job.options),
-        position=body.position,
-        quaternion=body.quaternion,
-        body_vertices=body.vertices,
-        faces=body.faces,
+        options=asdict(request.job.options),
         information=information,
         fit=fit,
         impulses=impulses(solved, request.data, job.scene),
         finger_offset=offsets_of(solution.values, R_wg),
         hypotheses=tuple(kept),
         versions=versions(),
-        **_solved_fields(solved) | {"status": status, "seconds": seconds},
+        **body | _solved_fields(solved) | {"status": status, "seconds": seconds},
     )
-
-
-def fit_of_page(solved, job, measured):
-    """Return the Fit of a solved page, if it states one; measured: as it was given."""
-    fit = with_doubts(solved.fit, solved.skipped)
-    return with_suspicion(fit, job, measured) if solved.solution.success else fit
 
 
 def with_doubts(fit, skipped):
@@ -123,43 +126,53 @@ def _solved_fields(solved) -> dict:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class BodyReadout:
-    """Where a body is: (T, 3) [m], (T, 4) wxyz; vertices (V, 3) [m], body frame.
-
-    faces: how many samples touched each.
-    """
-
-    position: np.ndarray
-    quaternion: np.ndarray
-    vertices: np.ndarray
-    faces: np.ndarray
+def read_sized(job, solved) -> dict:
+    """Return the fields of an Estimate about the body of a shape with sizes."""
+    theta, x, shape = solved.at.theta, poses_at_samples(job, solved.at.x), job.shape
+    p, q = poses(shape, solved.window.motion, theta, x, job.scene.ground)
+    surface, faces = body_surface(shape, theta), solved.touched
+    return {"position": p, "quaternion": q, "body_vertices": surface, "faces": faces}
 
 
-def read_sized(job, solved) -> BodyReadout:
-    """Return the body of a shape with sizes."""
-    theta, x, shape = solved.at.theta, moved_on(job, solved.at.x), job.shape
-    where = poses(shape, solved.window.motion, theta, x, job.scene.ground)
-    return BodyReadout(*where, body_surface(shape, theta), solved.touched)
-
-
-def read_hull(job, solved) -> BodyReadout:
-    """Return the body of a polytope.
+def read_hull(job, solved) -> dict:
+    """Return the fields of an Estimate about the body of a polytope.
 
     Its origin is the centroid, its axes are the world's at the last sample.
     """
-    V, x = solved.solution.values["theta"].T, moved_on(job, solved.at.x)
+    V, x = solved.solution.values["theta"].T, poses_at_samples(job, solved.at.x)
     middle, R_wg = centroid(V), frame_of(job.scene.ground).rotation.T
-    position, turn = hull_poses(job.scene, x, middle)
+    p, turn = hull_poses(job.scene, x, middle)
     vertices = (V - middle) @ R_wg.T
     # Faces of the vertices that the estimate has: which facets make one face, and the
     # order of faces, depend on the frame.
     outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
     faces = touched_polygons(solved.window, V, outlines, x, job.precision.normal)
-    return BodyReadout(position, quaternion_of(turn), vertices, faces)
+    q = quaternion_of(turn)
+    return {"position": p, "quaternion": q, "body_vertices": vertices, "faces": faces}
 
 
-def moved_on(job, x) -> np.ndarray:
+def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:
+    """Return the number of touches of each face of a hull at poses x (u, T).
+
+    faces: corners and outward normal of each, as of `geometry.faces.polygons`; sigma:
+    deviation of felt normals [rad].  A touch belongs to the face whose normal is
+    closest to the felt one, and to others within the error of felt normals.
+    """
+    facing = np.cos(min(MAX_TILT, FACE_TILT + TILT_DEVIATIONS * sigma))
+    touch = window.touch
+    centre = fingers_in_body(touch, x)
+    n = directions_in_body(x, touch.sample, touch.normal)
+    point = centre - touch.radius[:, None] * n
+    alike = []  # (faces, touches): cosine to a face that the point is on
+    for corners, normal in faces:
+        off = (point - vertices[corners[0]]) @ normal
+        alike.append(np.where(np.abs(off) < FACE_REACH, n @ normal, -1.0))
+    alike = np.array(alike)
+    best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(MAX_TILT))
+    return np.count_nonzero((alike > facing) | (alike >= best), axis=1)
+
+
+def poses_at_samples(job, x) -> np.ndarray:
     """Return poses x (unknowns, T) at the samples, which are those of late sensors.
 
     What late sensors tell of a sample was so before it, by their latency.
@@ -172,16 +185,12 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
 
     faces: how many samples touched each; modes: other local optima of the same page.
     """
-    solution = solved.solution
     try:
-        kkt = kkt_system_of(solved.problem, solution, job.deadline)
+        kkt = kkt_system_of(solved.problem, solved.solution, job.deadline)
         job.deadline.check()
-        at = Linearisation(kkt, job, solved.window)
-        if job.shape.last_pose_held:
-            return polytope_information(at, solution, solved.tangent, faces)
-        optima = [mode.optimum for mode in modes]
-        known = solved.tangent, faces, optima, solved.profile
-        return information_of(at, solution, *known)
+        linearisation = Linearisation(kkt, job, solved.window)
+        optima = [] if job.shape.last_pose_held else [mode.optimum for mode in modes]
+        return information_of(linearisation, solved, faces, optima)
     except OutOfTime:
         job.deadline.omit("standard deviations")
         return prior_information(job, solved)
@@ -230,13 +239,6 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
     return {name: in_time(data, one, by, beyond=False) for name, one in out.items()}
 
 
-def _plain(options) -> dict:
-    """Return options as plain values that JSON keeps."""
-    plain = asdict(options)
-    plain["reduce"] = repr(plain["reduce"])
-    return plain
-
-
 def by_sample(values, rows, samples: int) -> np.ndarray:
     """Return (samples, 3) with `values` added at `rows`, zeros where none."""
     out = np.zeros((samples, 3))
@@ -252,11 +254,11 @@ def prior_information(job, solved) -> Information:
     R_wg = frame_of(job.scene.ground).rotation.T
     solution, tangent = solved.solution, solved.tangent
     shape, k = solved.window.shape, len(tangent.names)
-    spread = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
+    C = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
     if shape.last_pose_held:  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (k // 3, 1))
-        spread += REACHED**2 * along @ along.T
-    matrix = np.linalg.inv(spread)
+        C += REACHED**2 * along @ along.T
+    matrix = np.linalg.inv(C)
     offsets = {}
     if OFFSET in solved.problem.variables:
         prior = prior_of_offsets(job.scene, solution.values[OFFSET].shape[1])
@@ -265,9 +267,9 @@ def prior_information(job, solved) -> Information:
         covariance = turn @ np.linalg.inv(prior) @ turn.T
         offsets = {"offsets": covariance, "with_offsets": both}
     return Information(
-        names=tangent.names, matrix=matrix, spread=spread, parts={}, roles={},
-        modes=one_mode(solution.objective, spread), maps=tangent.maps,
+        names=tangent.names, matrix=matrix, covariance_matrix=C, parts={}, roles={},
+        modes=one_mode(solution.objective, C), maps=tangent.maps,
         unobserved=(NOT_COMPUTED,), directions=np.zeros((k, 0)), fixed=(),
         active={}, ambiguous={}, indefinite=(),
-        budget=variances_by_name({OF_PRIORS: spread}, tangent.maps), **offsets,
+        budget=variances_by_name({OF_PRIORS: C}, tangent.maps), **offsets,
     )  # fmt: skip

@@ -55,20 +55,15 @@ class Request:
     executor: object = None
     axes: tuple | None = None
 
-    def time_at(self, share: float) -> float:
-        """Return when a share of the time until the readout is over, [s].
-
-        Of time.monotonic(); the rest is the readout's, at most a third.
-        """
-        limit = self.job.options.time_limit
-        reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
-        whole = limit - min(reserve, limit / 3)
-        return self.job.deadline.before_end(limit - share * whole)
-
     def job_until(self, share: float, strict: bool = True) -> Job:
-        """Return the job with an earlier deadline (time_at), at which a solve ends."""
-        deadline = self.job.deadline.until(self.time_at(share), strict)
-        return replace(self.job, deadline=deadline)
+        """Return the job with an earlier deadline, at which a solve ends.
+
+        share [-]: of the time until the readout, which takes a third at most.
+        """
+        limit, deadline = self.job.options.time_limit, self.job.deadline
+        reserve = max(READOUT_TIME, min(READOUT_SHARE * limit, MOST_READOUT_TIME))
+        end = deadline.before_end(limit - share * (limit - min(reserve, limit / 3)))
+        return replace(self.job, deadline=deadline.until(end, strict))
 
     @property
     def widths(self) -> tuple[int, int]:
@@ -77,16 +72,20 @@ class Request:
 
 
 def read_request(
-    data, scene, shape, formulation, options, start, executor, session: Session
-) -> tuple[Request, list[Hypothesis]]:
+    data, scene, shape, formulation="violation_implicit", options=None, start=None,
+    executor=None, session: Session | None = None,
+) -> tuple[Request, list[Hypothesis]]:  # fmt: skip
     """Return the request, and the hypotheses of the first actions that it starts from.
 
-    Raises NoContactError, MistakeError, MeasurementError, OptionError, SceneError or
-    StartError for what cannot be solved.
+    session: by default a new one.  Raises NoContactError, MistakeError,
+    MeasurementError, OptionError, SceneError or StartError for what cannot be solved.
     """
     began, checking = time.monotonic(), Deadline()
+    session = Session() if session is None else session
     check_types(data=(data, Measurements), session=(session, Session))
-    scene, shape, options, page = asked(scene, shape, formulation, options, executor)
+    scene, shape, options, page = checked_request(
+        scene, shape, formulation, options, executor
+    )
     if options.check_mistakes:
         late = scene.latency
         if late is None:
@@ -108,7 +107,7 @@ def read_request(
     return Request(data, job, start, executor, kept_axes(start, job)), carried
 
 
-def asked(scene, shape, formulation, options, executor) -> tuple:
+def checked_request(scene, shape, formulation, options, executor) -> tuple:
     """Return scene, shape, options and page, or raise what is wrong with them."""
     scene = Scene() if scene is None else scene
     options = Options() if options is None else options

@@ -45,13 +45,13 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
     write_whole(path, xml.tostring(tree, encoding="unicode") + "\n")
 
 
-def check_format(path: Path, known=(*MESHES, *MODELS)) -> str:
-    """Return the suffix of a file to write; OptionError unless it is a known one."""
+def check_format(path: Path, suffixes=(*MESHES, *MODELS)) -> str:
+    """Return the suffix of a file to write; OptionError unless it is a suffixes one."""
     suffix = path.suffix.lower()
-    if suffix not in known:
+    if suffix not in suffixes:
         raise OptionError(
             "no such format", where=str(path), got=suffix or "no suffix",
-            expected=f"one of {', '.join(known)}",
+            expected=f"one of {', '.join(suffixes)}",
         )  # fmt: skip
     return suffix
 
@@ -67,8 +67,9 @@ def _coloured(estimate):
 
     vertices = estimate.vertices
     faces = polygons(vertices)
-    known = hasattr(estimate, "information")
-    sigma = face_sigma(estimate) if known else np.full(len(faces), np.nan)
+    sigma = np.full(len(faces), np.nan)
+    if hasattr(estimate, "information"):
+        sigma = face_sigma(estimate)
     points, triangles, colours = [], [], []
     for (corners, _), s in zip(faces, sigma, strict=True):
         first = len(points)  # faces share no corners, so that colours do not blend

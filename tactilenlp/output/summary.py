@@ -14,6 +14,7 @@ from ..solvers.solution import violation_in_words
 
 MM_PER_M, MS_PER_S = 1e3, 1e3  # [mm/m], [ms/s]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
+MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
@@ -61,7 +62,7 @@ def remarks_of(estimate) -> list[str]:
     if open_ := estimate.information.unobserved:
         lines.append(f"Not observed: {'; '.join(open_)}.")
     lines += doubts_in_words(estimate.information.considered)
-    return [*lines, *estimate.information.also]
+    return lines + optima_in_words(estimate.information)
 
 
 def nuisances_in_words(estimate) -> Iterator[str]:
@@ -115,7 +116,8 @@ def has_sides(estimate) -> bool:
 
 def named_sizes(estimate) -> list[tuple[str, str]]:
     """Return the name and the value in words of each entry of theta."""
-    sigma = np.sqrt(np.maximum(np.diag(estimate.information.spread), 0.0))
+    C = estimate.information.covariance_matrix
+    sigma = np.sqrt(np.maximum(np.diag(C), 0.0))
     sizes = zip(estimate.information.names, estimate.theta, sigma, strict=False)
     return [named_size(*size) for size in sizes]
 
@@ -126,8 +128,8 @@ def _size_of_hull(estimate) -> str:
     extent = MM_PER_M * np.ptp(estimate.vertices, axis=0)
     across = " x ".join(f"{s:.1f}" for s in extent)
     planes = estimate.supporting_planes()
-    known = MM_PER_M * planes.sigma[planes.touches > 0]
-    words = f" to ± {np.median(known):.2f} mm (median)" if len(known) else ""
+    sigma = MM_PER_M * planes.sigma[planes.touches > 0]
+    words = f" to ± {np.median(sigma):.2f} mm (median)" if len(sigma) else ""
     return (
         f"{len(estimate.vertices)} vertices, {across} mm across, {touched} of "
         f"{estimate.faces.size} faces touched{words},"
@@ -136,9 +138,16 @@ def _size_of_hull(estimate) -> str:
 
 def named_size(name: str, value: float, sigma: float) -> tuple[str, str]:
     """Return a size in words, in mm unless its name ends with another unit."""
-    word, bracket, unit = name.partition(" [")
-    scale, unit = (1.0, unit[:-1]) if bracket else (MM_PER_M, "mm")
+    word, scale, unit = _unit_of(name)
     return word, f"{value * scale:.2f} ± {sigma * scale:.2f} {unit}"
+
+
+def _unit_of(name: str) -> tuple[str, float, str]:
+    """Return the name of a number without its unit, how many of this are one of SI."""
+    word, bracket, unit = name.partition(" [")
+    if bracket:
+        return word, 1.0, unit[:-1]
+    return (word, 180 / np.pi, "deg") if "rotation" in word else (word, MM_PER_M, "mm")
 
 
 def yaw_of(estimate) -> float:
@@ -211,6 +220,44 @@ def doubts_in_words(considered) -> list[str]:
     if radii:
         lines.append(f"The touches fit one body if {' or '.join(radii)} than was told.")
     return [f"{line} Sigma allows for it." for line in lines]
+
+
+def optima_in_words(information) -> list[str]:
+    """Return sentences: the probability of what is reported and of each other optimum.
+
+    Empty where there is no other one; percentages sum to 100.
+    """
+    modes, names = information.modes, information.names
+    sigma = np.sqrt(np.maximum(np.diag(information.covariance_matrix), 0.0))
+    other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
+    if not len(other):
+        return []
+    listed = modes.weights[[0, *other]]
+    shares = whole_percentages(np.r_[listed, max(1 - listed.sum(), 0.0)])
+    words = [f"What is reported has a probability of {shares[0]} %."]
+    for share, off in zip(shares[1:-1], modes.offsets[other], strict=True):
+        most = np.argsort(np.abs(off) / np.where(sigma > 0, sigma, 1.0))[::-1][:2]
+        parts = [_larger(names[i], off[i]) for i in most]
+        words.append(f"With {share} %, {' and '.join(parts)}.")
+    if shares[-1]:
+        words.append(f"All other optima together have {shares[-1]} %.")
+    return words
+
+
+def _larger(name: str, by: float) -> str:
+    """Return in words by what a number differs: in the unit of its name, [m], [rad]."""
+    word, scale, unit = _unit_of(name)
+    way = "larger" if by > 0 else "smaller"
+    return f"{word} is {abs(by) * scale:.1f} {unit} {way}"
+
+
+def whole_percentages(probabilities) -> list[int]:
+    """Return percentages, whole numbers that add up to 100 (largest remainders)."""
+    exact = 100 * np.asarray(probabilities) / np.sum(probabilities)
+    whole = np.floor(exact).astype(int)
+    most = np.argsort(whole - exact, kind="stable")[: 100 - whole.sum()]
+    whole[most] += 1
+    return whole.tolist()
 
 
 def _compliance(estimate) -> str:

@@ -54,22 +54,19 @@ class Reductions:
         check_types(**{name: (value, bool) for name, value in vars(self).items()})
 
     @classmethod
-    def of(cls, choice, where: str = "reduce") -> Reductions:
-        """Read True, False, a Reductions, or the names of those to switch off."""
-        if isinstance(choice, cls):
-            return choice
-        names = [*REDUCTION_NAMES]
-        if isinstance(choice, bool):
-            return cls(**dict.fromkeys(names, choice))
-        many = isinstance(choice, (tuple, list, set, frozenset))
-        off = tuple(choice) if many else (choice,)
-        if unknown := [n for n in off if not isinstance(n, str) or n not in names]:
+    def of(cls, without) -> Reductions:
+        """Return all reductions but one, or some, by name; OptionError of others."""
+        many = isinstance(without, (tuple, list, set, frozenset))
+        off = tuple(without) if many else (without,)
+        if unknown := [
+            n for n in off if not isinstance(n, str) or n not in REDUCTION_NAMES
+        ]:
             raise OptionError(
-                "no such reduction", where=where, got=unknown,
-                expected=f"True, False or names to switch off among {names}",
-                next=did_you_mean(unknown[0], names),
+                "no names of reductions", where="without", got=unknown,
+                expected=f"names among {[*REDUCTION_NAMES]}",
+                next=did_you_mean(unknown[0], REDUCTION_NAMES),
             )  # fmt: skip
-        return cls(**{name: name not in off for name in names})
+        return cls(**dict.fromkeys(off, False))
 
 
 REDUCTION_NAMES = tuple(f.name for f in fields(Reductions))

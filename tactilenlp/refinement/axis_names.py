@@ -16,6 +16,7 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import GROUND
 
 from ..geometry.transforms import continuous, is_planar, matrices
+from ..information.mixture import relabellings
 from ..problem.pages import FORMULATIONS, name_of
 from ..search.hypothesis import Hypothesis, rotation_at
 from ..search.local_solve import built_page, in_motion_of, warm_started
@@ -46,22 +47,16 @@ def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
             return round(np.linalg.norm(axes * theta - like[1] * like[0]), 9)
         return -axes[2, 2], theta[1] - theta[0] > EQUAL_SIDES, axes[0, 0] < 0
 
-    return min(namings(shape, h), key=rank)
-
-
-def namings(shape, h: Hypothesis) -> list[tuple[list[int], np.ndarray]]:
-    """Return all orders of sizes and axes (3, 3) under which a body is the same."""
-    ways = [(list(order), np.array(S, float)) for order, S in shape.relabellings]
-    return [way for way in ways if not is_planar(h.x) or way[1][2, 2] > 0]
+    return min(relabellings(shape, upright=is_planar(h.x)), key=rank)
 
 
 def renamed(h: Hypothesis, order, S) -> Hypothesis:
     """Return a hypothesis under other names of the axes: as `naming` returns them."""
-    return replace(h, theta=h.theta[order], x=turned(h.x, S))
+    return replace(h, theta=h.theta[order], x=with_axes(h.x, S))
 
 
-def turned(x, S) -> np.ndarray:
-    """Return the poses, planar or free, of a body frame whose axes are S (3, 3)."""
+def with_axes(x, S) -> np.ndarray:
+    """Return poses x, planar or free, of a body frame whose axes are S (3, 3)."""
     if is_planar(x):
         return x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
     return np.vstack([x[:3], continuous(matrices(x) @ S).T])
@@ -79,7 +74,7 @@ def with_named_axes(solved, like) -> Solved:
         return solved
     if job.deadline.passed("the order of a box's axes"):
         return solved
-    again = warm_started(job, _renamed(job.shape, solved, order, S))
+    again = warm_started(job, _with_renamed_axes(job.shape, solved, order, S))
     return again if again.rank <= solved.rank else solved
 
 
@@ -94,7 +89,7 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     if not (job.shape.faced and hypotheses) or shipped:
         return hypotheses
     kept, costs, best = [], [], hypotheses[0]
-    for order, S in namings(job.shape, best):
+    for order, S in relabellings(job.shape, upright=is_planar(best.x)):
         probe = renamed(replace(best, theta=best.theta.mean() * UNEQUAL), order, S)
         built = built_page(job, probe)
         start = built.values_at(in_motion_of(job, probe))
@@ -107,7 +102,7 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
     return [h for pair in zip(*kept, strict=True) for h in pair]
 
 
-def _renamed(shape, solved, order, S) -> Solved:
+def _with_renamed_axes(shape, solved, order, S) -> Solved:
     """Return a solve with other names of the axes, to start from.
 
     Ground contacts are listed by corner, the same ones at each step.
@@ -119,7 +114,7 @@ def _renamed(shape, solved, order, S) -> Solved:
     rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
     rows = rows[:, places].ravel()
 
-    def moved(values) -> dict:
+    def relabelled(values) -> dict:
         ground = {k: values[k][:, rows] for k in (GROUND,) if k in values}
         centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
         return values | ground | centre | {"theta": values["theta"][order]}
@@ -129,8 +124,8 @@ def _renamed(shape, solved, order, S) -> Solved:
         for name, old in s.multipliers.items()
     }
     solution = replace(
-        s, values=moved(s.values) | {"x": turned(s.values["x"], S)},
-        bound_multipliers=moved(s.bound_multipliers), multipliers=multipliers,
+        s, values=relabelled(s.values) | {"x": with_axes(s.values["x"], S)},
+        bound_multipliers=relabelled(s.bound_multipliers), multipliers=multipliers,
     )  # fmt: skip
     h = renamed(solved.hypothesis, order, S)
     return replace(solved, hypothesis=h, solution=solution)

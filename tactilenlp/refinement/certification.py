@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from ..problem.certificates import Certificates, certify
+from ..problem.certificates import certify
 from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
 from ..search.local_solve import solved_from, warm_started
@@ -19,62 +19,61 @@ from ..search.multistart import ranking
 from ..search.proposals_tumble import recovered
 from ..search.solved import Solved
 from .newton_steps import with_ground_tilt
-from .profile_likelihood import PROFILE_MU, profiled
-from .tilt import explained, with_tilt
+from .profile_likelihood import PROFILE_MU, profile_deviations
+from .tilt import explains_touches, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
 MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
 
 
-def checked(solved, executor=None) -> Solved:
-    """Return a solved page with certificates, or what they ask for instead.
+def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
+    """Return a certified solve, or one in free motion if the body did not only slide.
 
-    An object that did not only slide is solved in free motion: tilted, and as it
-    tumbled where a tilt does not explain its touches.
+    Tilted where that explains touches, or as it tumbled where a tilt does not.  job: as
+    it was before reductions were restored.
     """
-    best, job = certified(solved), solved.job
-    fell = "planar" in best.certificates.broken and not states_planar_motion(job.page)
-    rocked = with_tilt(best)
-    if rocked is not best:
-        rocked = with_ground_tilt([rocked])[0]
-    fell = fell and not (rocked is not best and explained(rocked))
+    tilted = with_tilt(flat)
+    if tilted is not flat:
+        tilted = with_ground_tilt([tilted])[0]
+    fell = "planar" in flat.certificates.broken and not states_planar_motion(job.page)
+    fell = fell and (tilted is flat or not explains_touches(tilted))
     if fell and job.shape.faced and not job.deadline.passed("a tumble"):
-        tumbled = _tumbled(job, best, executor)
-        if tumbled.rank < rocked.rank:
+        tumbled = _solve_tumbles(job, flat, executor)
+        if tumbled.rank < tilted.rank:
             return tumbled
-    if rocked is not best:
-        best = certified(rocked)
-    return best
+    return flat if tilted is flat else restore_reductions(tilted)
 
 
 def with_profiles(best) -> Solved:
-    """Return a solve with profile likelihoods, if Options.rivals asks for them.
+    """Return a solve with profile likelihoods, if Options asks for them.
 
     Where one of its solves meets a better optimum, that one, if it stays better with
     nothing held.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
-    job, asked = best.job, slid and best.job.options.rivals
-    if not asked or job.deadline.passed("profile likelihoods"):
+    job = best.job
+    if not (slid and job.options.profile_likelihood):
         return best
-    profile, better = profiled(best)
+    if job.deadline.passed("profile likelihoods"):
+        return best
+    profile, better = profile_deviations(best)
     if better is not None:
-        again = certified(warm_started(job, better, PROFILE_MU))
+        again = restore_reductions(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
-        profile, _ = profiled(best, seeks=False)
+        profile, _ = profile_deviations(best, seeks=False)
     return replace(best, profile=profile)
 
 
-def certified(solved) -> Solved:
-    """Check what was dropped; restore what was needed and solve again.
+def restore_reductions(solved) -> Solved:
+    """Certify what was dropped; restore what was needed, and solve again.
 
     Rest intervals are first cut where the body would move, and dropped if that was not
     enough.
     """
     job = solved.job
     if job.deadline.passed("certificates"):
-        return replace(solved, certificates=Certificates(()))
+        return solved
     certificates = certify(job, solved)
     for _ in range(MAX_RESTORED):
         back = [name for name in certificates.broken if name != "planar"]
@@ -95,7 +94,7 @@ def certified(solved) -> Solved:
     return replace(solved, certificates=certificates)
 
 
-def _tumbled(job, flat, executor) -> Solved:
+def _solve_tumbles(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
     motions = recovered(job, evidence, *job.options.widths(precise=False), executor)

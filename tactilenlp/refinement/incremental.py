@@ -73,7 +73,7 @@ def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
     return transferred(past.with_window(window), built)
 
 
-def updated_by_few(
+def update_by_few_starts(
     job: Job, start, first: Sequence[Hypothesis], second: Callable[[], Hypothesis],
     solves: Solves,
 ) -> bool:  # fmt: skip
@@ -93,8 +93,8 @@ def updated_by_few(
 
     def solve(h: Hypothesis) -> Solved:
         values = past.values | built.values_at(h)
-        begun = replace(past, values=values)
-        return solves.add(solved_from(job, h, built, [last], begun))
+        guess = replace(past, values=values)
+        return solves.add(solved_from(job, h, built, [last], guess))
 
     best = best_first([solve(h) for h in first])[0]
     if still_explained(best, start):

@@ -36,6 +36,7 @@ from ..search.solved import (
     search_settings,
 )
 from ..solvers.solution import Solution, after
+from .certification import restore_reductions
 from .incremental import (
     UPDATE_MU,
     continues,
@@ -50,12 +51,12 @@ JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
-def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
+def update_by_one_action(job: Job, start) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
     And whether that is accepted: every touch is explained, nothing jumps, the objective
-    rises by no more than an action usually adds, no certificate, by certified(solved),
-    is broken that held before, and evidence asks for as many vertices as before.
+    rises by no more than an action usually adds, no certificate is broken that held
+    before, and evidence asks for as many vertices as before.
     Otherwise all actions are to be solved again, and the better result kept. None where
     `start` is no such estimate.
     """
@@ -71,9 +72,9 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
         return cheap and solved.solution.success and not implausible(solved)
 
     if not good(solved):
-        solved = _better(solved, continued(job, solved))
+        solved = _continued(solved)
     if good(solved):
-        solved = certified(solved)
+        solved = restore_reductions(solved)
         before = {s.name for s in start.skipped if not s.holds}
         holds = {*solved.certificates.broken} <= before
         if holds and has_likely_count(job, solved.at):
@@ -87,7 +88,7 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
     return solved, False
 
 
-def repaired(solves, update=None) -> list[Solved]:
+def continue_if_implausible(solves, update=None) -> list[Solved]:
     """Return solves, best first; the best is solved again where it is implausible.
 
     update: the result of a rejected update, which competes, if there is one.
@@ -95,13 +96,14 @@ def repaired(solves, update=None) -> list[Solved]:
     best, *others = solves
     if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _better(best, continued(best.job, best))
+        best = _continued(best)
     solves = [best, *others]
     return solves if update is None else best_first([*solves, update])
 
 
-def _better(solved: Solved, again: Solved | None) -> Solved:
-    """Return the better of two solves, the first one if there is no other."""
+def _continued(solved: Solved) -> Solved:
+    """Return a solve, or the one that its continuation leads to, if that is better."""
+    again = continued(solved.job, solved)
     return solved if again is None else min(solved, again, key=lambda s: s.rank)
 
 
@@ -151,13 +153,9 @@ def unexplained_touches(solved: Solved) -> int:
     problem, window = solved.problem, solved.window
     if TOUCH_TERM not in problem.terms:
         return 0
-    keys = zip(window.touch.sample, window.touch.finger, strict=True)
     costly = unexplained(problem, window, *solved.solution.at(problem))
-    wrong = dict(zip(keys, costly, strict=True))
-    wholes = touches(window, solved.job.data)
-    return sum(
-        sum(wrong[t, f] for t in samples) >= MIN_OF_TOUCH for samples, f in wholes
-    )
+    rows_of = touches(window, solved.job.data).values()
+    return sum(costly[rows].sum() >= MIN_OF_TOUCH for rows in rows_of)
 
 
 def new_action_alone(job: Job, past: Solved, about) -> Solved:
@@ -226,19 +224,21 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
         return solved
     s, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
     ground = s.values[GROUND]
-    moved = redistributed(
+    impulses_at_legs = redistributed(
         V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old))
     )
-    moved = moved.reshape(len(ground), -1)
+    impulses_at_legs = impulses_at_legs.reshape(len(ground), -1)
     corner = Corners(
-        np.repeat(np.arange(len(yaw)), len(legs)), np.zeros((moved.shape[1], 3))
+        np.repeat(np.arange(len(yaw)), len(legs)),
+        np.zeros((impulses_at_legs.shape[1], 3)),
     )
     terms = solved.problem.constraints.values()
     of_ground = {term.name for term in terms if term.per == GROUND}
     others = {k: m for k, m in s.multipliers.items() if k not in of_ground}
     solution = replace(
-        s, values=s.values | {GROUND: moved}, multipliers=others,
-        bound_multipliers=s.bound_multipliers | {GROUND: 0 * moved},
+        s, values=s.values | {GROUND: impulses_at_legs},
+        multipliers=others,
+        bound_multipliers=s.bound_multipliers | {GROUND: 0 * impulses_at_legs},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)
     return replace(solved, solution=solution).with_window(at)

@@ -24,9 +24,10 @@ from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
     log_evidence,
+    occam_of_vertices,
     odds_of,
+    relabellings,
 )
-from ..information.polytope_information import occam_of_vertices
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
@@ -92,8 +93,8 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
             expected=f"an Estimate or a Guess of {[shape.name for shape in classes]}",
             next="leave it out, or add its class to the list",
         )  # fmt: skip
-    began = time.process_time()
-    deadline, estimates, errors = Deadline.within(options.time_limit), {}, {}
+    began, deadline = time.process_time(), Deadline.within(options.time_limit)
+    estimates, errors = {}, {}
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
         left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
@@ -107,7 +108,7 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
             errors[i] = error
     if not estimates:
         raise next(iter(errors.values()))
-    _start_from_best(classes, solver, options, deadline, estimates)
+    estimates |= _likelier_from_best(classes, solver, options, deadline, estimates)
     failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
     _, best = max(estimates.values(), key=lambda one: one[0])
     seconds = best.seconds | {"total": time.process_time() - began}
@@ -121,20 +122,21 @@ def _starts_from(start, shape) -> bool:
     return getattr(start, "shape", None) == shape.name
 
 
-def _start_from_best(classes, solver, options, deadline, estimates) -> None:
-    """Solve classes that explain the data worse from the poses of the likeliest one.
+def _likelier_from_best(classes, solver, options, deadline, estimates) -> dict:
+    """Return what is likelier if solved from the poses of the likeliest class.
 
-    estimates: evidence and Estimate by number of the class, where what is likelier
-    replaces its own.
+    Of classes that explain the data worse.  estimates, and what is returned: evidence
+    and Estimate by number of the class.
     """
     highest, best = max(estimates.values(), key=lambda one: one[0])
+    likelier = {}
     for i, shape in enumerate(classes):
         own, estimate = estimates.get(i, (-np.inf, None))
         cost = np.inf if estimate is None else estimate.objective
         if not np.isfinite(highest) or cost <= best.objective + DECISIVE:
             continue
         if deadline.passed(f"a {shape.name} from the poses of a {best.shape}"):
-            return
+            break
         left = replace(options, time_limit=max(MIN_CLASS_TIME, deadline.left))
         most = min(cost, best.objective + LEAST_MOTION_BEHIND)
         try:
@@ -142,8 +144,9 @@ def _start_from_best(classes, solver, options, deadline, estimates) -> None:
         except TactileError as error:
             log.info("%s from the poses of a %s: %s", shape.name, best.shape, error)
             continue
-        if again is not None and (more := evidence_of(again, shape)) > own:
-            estimates[i] = more, again
+        if again is not None and (evidence := evidence_of(again, shape)) > own:
+            likelier[i] = evidence, again
+    return likelier
 
 
 def evidence_of(estimate, shape) -> float:
@@ -156,15 +159,14 @@ def evidence_of(estimate, shape) -> float:
     if not estimate.success:
         return -np.inf
     information, k = estimate.information, len(estimate.information.names)
-    covariance = information.of_hessian().spread
+    covariance = information.of_hessian().covariance_matrix
     late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
     if shape.last_pose_held:
         roles = {*information.roles.values()}.intersection(PRIORS)
         held = sum(information.part(role) for role in sorted(roles))
         return -cost - occam_of_vertices(covariance, held)
-    free = k == shape.theta + 6
-    alike = sum(R[2][2] > 0.5 or free for _, R in shape.relabellings)
+    alike = len(relabellings(shape, upright=k < shape.theta + 6))
     sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
     evidence = log_evidence(cost, covariance, np.diag(1 / sigma**2))
     return evidence + np.log(alike)

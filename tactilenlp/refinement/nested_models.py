@@ -23,11 +23,11 @@ from scipy.optimize import minimize
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.finger_turn import NAME as TURN
 from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import TOUCH_TERM
 
-from ..data.sensor_noise import variance_left
-from ..information.goodness_of_fit import Misfit, touch_misfit
+from ..information.goodness_of_fit import NOTHING, Misfit
+from ..information.linearisation import kkt_residual
 from ..information.mixture import occam_of
-from ..information.sensitivity import kkt_residual
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
 from ..search.local_solve import built_page, transferred, warm_started
@@ -59,10 +59,8 @@ def misfit_of(solved: Solved) -> Misfit:
 
     No larger model can gain much more than the excess.
     """
-    problem, job = solved.problem, solved.job
-    x, data = solved.solution.at(problem)
-    left = variance_left(job.data, job.precision)
-    return touch_misfit(problem, x, data, solved.window, left)
+    fit = solved.fit
+    return NOTHING if fit is None else fit.terms.get(TOUCH_TERM, NOTHING)
 
 
 def needed_gain(spread: float, occam: float = DECISIVE) -> float:
@@ -83,11 +81,11 @@ def with_nuisance_parameters(solves, solve) -> list[Solved]:
     """
     for name, nuisance in NUISANCES.items():
         if fixes(solves[0].job, name) and solves[0].solution.success:
-            solves = _with(name, nuisance, solves, solve)
+            solves = _with_nuisance(name, nuisance, solves, solve)
     return solves
 
 
-def _with(name, nuisance, solves, solve) -> list[Solved]:
+def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
     """Return solves, one nuisance parameter free if the data ask for it."""
     best, *others = solves
     job, touches = best.job, misfit_of(best)
@@ -109,7 +107,7 @@ def _with(name, nuisance, solves, solve) -> list[Solved]:
         return solves
     if nuisance.unknown == TURN and job.shape.faced:
         freed = _with_open_height(larger, freed)
-    gain, needed = _compared(best, freed[0], nuisance, touches.spread)
+    gain, needed = _gain_and_need(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
         return [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
@@ -134,14 +132,14 @@ def without_needless(solved: Solved) -> Solved:
         if wald(solved, nuisance.unknown) > _needed(solved, nuisance, spread):
             continue
         smaller = warm_started(fixed, solved, FREED_MU)
-        gain, needed = _compared(smaller, solved, nuisance, spread)
+        gain, needed = _gain_and_need(smaller, solved, nuisance, spread)
         if smaller.solution.success and gain <= needed:
             log.info("%s is needless: %.1f nats", nuisance.dropped, gain)
             solved = declined(smaller, name, gain, needed)
     return solved
 
 
-def _compared(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
+def _gain_and_need(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
     """Return what a larger model gains, and what it must: both in nats."""
     gain, needed = gain_of(smaller, larger), needed_gain(spread, occam=0.0)
     if gain > needed:
@@ -205,8 +203,8 @@ def score(job, solved: Solved, unknown: str) -> float:
     indefinite, such a step may raise it: none is gained.
     """
     built = built_page(job, solved.hypothesis)
-    problem, begun = built.problem, transferred(solved, built)
-    kkt = kkt_system_of(problem, begun)
+    problem, start = built.problem, transferred(solved, built)
+    kkt = kkt_system_of(problem, start)
     slope = kkt_residual(problem, kkt)[0][problem.variables[unknown].span]
     return max(0.0, float(slope @ kkt.marginal(unknown) @ slope / 2))
 

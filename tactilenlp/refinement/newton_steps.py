@@ -2,7 +2,7 @@
 
 The ground is level or as the scene or an earlier estimate says, contacts and normals
 are as late as these say.  Where a Newton step on one of them, which needs no solve
-(information/sensitivity.py, consider_parameters.py), promises to lower the objective,
+(information/linearisation.py, consider_parameters.py), promises to lower the objective,
 the data are turned, or fingers put where they were earlier, and the page is solved
 again from the solution, a step at a time.  A tilt must gain as many nats as any larger
 model (nested_models.py); a latency more than its Laplace evidence loses, the logarithm
@@ -23,9 +23,8 @@ from formulations.finger_turn import TURN as PRIOR_TURN
 
 from ..data.sensor_noise import LATENCY
 from ..information.consider_parameters import Doubt, late_touches
-from ..information.error_budget import Linearisation
+from ..information.linearisation import Linearisation, ground_tilt
 from ..information.mixture import occam_of
-from ..information.sensitivity import ground_tilt
 from ..search.local_solve import continued, warm_started
 from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
 from ..search.solved import Solved, best_first
@@ -49,13 +48,13 @@ def with_ground_tilt(solves) -> list[Solved]:
     needed = needed_gain(touches.spread)
     if touches.excess < needed:
         return solves
-    best = _turned_by_steps(best, needed)
+    best = _tilt_by_steps(best, needed)
     needed = needed if level.job.scene.ground.told is None else UNCHANGED
     if best.cost > level.cost - needed:
         return solves
     ground = best.job.scene.ground
     log.info("the ground leans by %s rad", ground.tilt.round(4))
-    others = [_on_ground(ground, s) for s in _close(solves)]
+    others = [_solved_on_ground(ground, s) for s in _close_to_best(solves)]
     return best_first([best, *others])
 
 
@@ -66,16 +65,17 @@ def with_ground_for_turns(solves) -> list[Solved]:
     turns (formulations/finger_turn.py) where its evidence is larger.
     """
     best, job = solves[0], solves[0].job
-    turned = TURN in best.solution.values and best.solution.success
-    if not (turned and ground_may_tilt(job)):
+    if TURN not in best.solution.values or not best.solution.success:
         return solves
-    ground = job.scene.ground.turned(_common_turn(best), _first_touched(best))
+    if not ground_may_tilt(job):
+        return solves
+    ground = job.scene.ground.turned(_common_turn(best), _below_first_touches(best))
     aligned = job.with_reductions(aligned=True)
     leans = continued(on_ground(aligned, ground), best)
     if leans is None or not leans.solution.success:
         return solves
     leans = replace(leans, declined=best.declined)
-    leans = _turned_by_steps(leans, UNCHANGED)
+    leans = _tilt_by_steps(leans, UNCHANGED)
     occam = occam_of(best.kkt, TURN)
     if leans.cost > best.cost + occam:
         return solves
@@ -99,21 +99,20 @@ def _common_turn(solved: Solved) -> np.ndarray:
     return np.linalg.lstsq(weight @ alike, weight @ w)[0]
 
 
-def _turned_by_steps(best: Solved, needed) -> Solved:
+def _tilt_by_steps(best: Solved, needed) -> Solved:
     """Return a solve on the ground that Newton steps on its tilt lead to.
 
     needed [nats]: what the first step from the ground that was told must gain.
     """
     for _ in range(MAX_TILTS):
         job, ground = best.job, best.job.scene.ground
-        arguments = best.window, job.data, job.scene, _first_touched(best)
-        tilt = ground_tilt(best.kkt, job.build, *arguments)
+        about = _below_first_touches(best)
+        tilt = ground_tilt(best.kkt, job.build, best.window, job.data, job.scene, about)
         if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
         if job.deadline.passed("a tilt of the ground"):
             break
-        turned = ground.turned(tilt.mean, tilt.about)
-        again = _on_ground(turned, best)
+        again = _solved_on_ground(ground.turned(tilt.mean, tilt.about), best)
         if not again.solution.success or again.cost > best.cost - UNCHANGED:
             break
         best = again
@@ -127,14 +126,14 @@ def ground_may_tilt(job) -> bool:
     return not fixed and "level" in job.contract.freed
 
 
-def _first_touched(solved: Solved):
+def _below_first_touches(solved: Solved):
     """Return the point (3,) [m] of the ground below the touches of the first action."""
     touch, action = solved.window.touch, solved.job.data.action
     early = action[touch.sample] == action[touch.sample[0]]
     return touch.p_wf[early, :3].mean(axis=0) * (1, 1, 0)
 
 
-def _on_ground(ground, solved: Solved) -> Solved:
+def _solved_on_ground(ground, solved: Solved) -> Solved:
     """Solve a page again on another ground, from its solution."""
     return warm_started(on_ground(solved.job, ground), solved)
 
@@ -159,7 +158,7 @@ def with_latency(solves) -> list[Solved]:
     prompt = solves[0]
     if not (may_be_late(prompt.job) and prompt.solution.success):
         return solves
-    late, doubt = _late_by_steps(prompt)
+    late, doubt = _latency_by_steps(prompt)
     needed = UNCHANGED
     if prompt.job.precision.latency == 0:
         occam = np.log(LATENCY * np.sqrt(doubt.information))
@@ -170,7 +169,9 @@ def with_latency(solves) -> list[Solved]:
     log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
              1e3 * precision.latency, prompt.cost - late.cost)  # fmt: skip
     best = replace(late, job=replace(late.job, precision=precision))
-    others = [warm_started(s.job.as_late_as(precision), s) for s in _close(solves)]
+    others = [
+        warm_started(s.job.as_late_as(precision), s) for s in _close_to_best(solves)
+    ]
     return best_first([best, *others])
 
 
@@ -193,7 +194,7 @@ def may_be_late(job) -> bool:
     return job.scene.latency is None and "prompt" in job.contract.freed
 
 
-def _late_by_steps(best: Solved) -> tuple[Solved, Doubt]:
+def _latency_by_steps(best: Solved) -> tuple[Solved, Doubt]:
     """Return a solve with the latency that Newton steps lead to, and the doubt left.
 
     A step that gained more than expected is doubled next, one that gained nothing is
@@ -228,7 +229,7 @@ def _doubt_at(solved: Solved) -> Doubt:
     return late_touches(Linearisation(solved.kkt, solved.job, solved.window))
 
 
-def _close(solves) -> list[Solved]:
+def _close_to_best(solves) -> list[Solved]:
     """Return the solves that converged close to the first one, the best, without it."""
     limit = solves[0].cost + DECISIVE
     return [s for s in solves[1:] if s.solution.success and s.cost < limit]

@@ -8,7 +8,9 @@ of the objective mean.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +27,14 @@ PLATEAU_GROWTH = 1.5
 TAIL_GROWTH = 2.0  # [-] behind the rise: far solves are slow (109 iterations, 216 at 4)
 ENDED = 0.99  # [-] of the rise, or of the prior's deviation, at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
+
+
+class Point(NamedTuple):
+    """A solve with the unknown held off by a step [m], and its rise [nats]."""
+
+    step: float
+    rise: float
+    solved: Solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +59,12 @@ class Profile:
         """The rise of the objective [nats] at which the profile ends."""
         return PROFILE_RISE / 2 if self.touched is None else PROFILE_RISE
 
-    def deviation(self, elsewhere, direction, off):
+    def deviation(self, solve_held, direction, off):
         """Return by how much sizes and final pose are off (k,) where this one is.
 
-        elsewhere(axis, direction, touched): a profile, called with growing steps;
+        solve_held(step, start, direction, touched): the Point at a step, from the one
+        before, or None; direction (unknowns,): by how much they change [1/m]; touched
+        (2,): samples on both faces of a size, of which those touched stay, or None.
         direction, off: what all unknowns, and sizes and final pose (k,), do by the
         Hessian where it is off by a deviation, SI. The Hessian's deviation is kept
         where it is large, where there is no profile, and of an untouched size or a pose
@@ -68,13 +80,14 @@ class Profile:
         # Where a Gaussian costs twice as much; most cost half as much.
         first = np.sqrt(4 * self.target_rise) * hessian_sigma
         first = max(min(first, VAGUE_SHARE * self.prior), FIRST_STEP)
+        first = min(first, self.prior)
         for way in (1, -1):
-            behind = touched if is_open and way > 0 else None
-            there = elsewhere(axis, way * direction / hessian_sigma, behind)
+            solve = partial(
+                solve_held, direction=way * direction / hessian_sigma,
+                touched=touched if is_open and way > 0 else None,
+            )  # fmt: skip
             least_sigma = abs((off if widest is None else widest)[axis])
-            cost = self.cost and (lambda step, way=way: self.cost(way * step))
-            side = replace(self, cost=cost)
-            wide, better = side.one_side(there, min(first, self.prior), least_sigma)
+            wide, better = self.one_side(solve, way, first, least_sigma)
             if better is not None:
                 return off, better
             both = [d for d in (widest, wide) if d is not None]
@@ -85,78 +98,75 @@ class Profile:
             return off, None
         return widest, None
 
-    def one_side(self, there, step: float, least_sigma: float):
+    def one_side(self, solve, way: int, step: float, least_sigma: float):
         """Return the widest deviation (k,) in one direction, or None; a better optimum.
 
-        there(step): the solve with that one held so far off [m], or None; least_sigma
-        [m]: from the other direction or the Hessian.  The profile ends at the target
+        solve(step, start): as above, in this direction; way: 1 or -1; least_sigma [m]:
+        from the other direction or the Hessian.  The profile ends at the target
         rise, and beyond the distance at which that rise leaves a large deviation.
         """
         prior, target_rise, best = self.prior, self.target_rise, self.best
-        widest, points, least_growth = None, [(0.0, 0.0)], 1.0
+        widest, points, least_growth = None, [Point(0.0, 0.0, best)], 1.0
         vague, reached = VAGUE_SHARE * prior, least_sigma
         farthest = vague * np.sqrt(2 * target_rise)
         while reached < vague:
-            moved = there(step)
-            if moved is None:
+            if (point := solve(step, points[-1])) is None:
                 break
-            price = moved.solution.objective - best.solution.objective
-            if price < -BETTER_OPTIMUM and self.seeks:
-                return None, moved
-            points.append((step, max(price, 0.0)))
-            deviation = min(step / np.sqrt(2 * max(price, ONE_SIGMA)), prior)
+            _, rise, solved = point
+            if rise < -BETTER_OPTIMUM and self.seeks:
+                return None, solved
+            points.append(point)
+            deviation = min(step / np.sqrt(2 * max(rise, ONE_SIGMA)), prior)
             if widest is None or deviation > reached:
-                widest = (moved.at.end - best.at.end) * deviation / step
+                widest = (solved.at.end - best.at.end) * deviation / step
                 reached = abs(widest[self.axis])
-            if price >= ENDED * target_rise or step >= farthest:
+            if rise >= ENDED * target_rise or step >= farthest:
                 break
-            growth = max(least_growth, target_rise / max(price, ONE_SIGMA))
+            growth = max(least_growth, target_rise / max(rise, ONE_SIGMA))
             step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
-            least_growth = PLATEAU_GROWTH if price > ONE_SIGMA else 1.0
+            least_growth = PLATEAU_GROWTH if rise > ONE_SIGMA else 1.0
         if self.cost is not None:  # a large deviation by the Hessian, or none
             least = least_sigma if vague <= least_sigma < ENDED * prior else 0.0
-            widest = self.open_deviation(there, widest, points, least)
+            widest = self.open_deviation(solve, way, widest, points, least)
         return widest, None
 
-    def open_deviation(self, there, widest, points, least: float):
+    def open_deviation(self, solve, way, widest, points, least: float):
         """Return the deviation (k,) of an open size, or None; widest: by its profile.
 
         Solves farther off tell whether the rise levels off, until no plateau at the
         last rise would widen the deviation, and, at a deviation of the prior, whether a
-        large one by the Hessian, least [m], 0 if there is none, is larger.  points: see
-        `of_posterior`.
+        large one by the Hessian, least [m], 0 if there is none, is larger.
         """
-        prior, most, best = self.prior, 2 * self.target_rise, self.best
-        (step, price), ended = points[-1], points[-1][1] >= ENDED * self.target_rise
-        while step < prior and price < most and (least or ended):
-            plateau = self.of_posterior([*points, (prior, price)])
+        prior, most, last = self.prior, 2 * self.target_rise, points[-1]
+        ended = last.rise >= ENDED * self.target_rise
+        while last.step < prior and last.rise < most and (least or ended):
+            plateau = self.of_posterior(way, [*points, last._replace(step=prior)])
             if not least and plateau <= abs(widest[self.axis]):
                 break
-            step = prior if least else min(TAIL_GROWTH * step, prior)
-            if (moved := there(step)) is None:
+            step = prior if least else min(TAIL_GROWTH * last.step, prior)
+            if (point := solve(step, last)) is None:
                 break
-            price = max(moved.solution.objective - best.solution.objective, 0.0)
-            points = [*points, (step, price)]
-            widest = (moved.at.end - best.at.end) * least / prior if least else widest
-        if widest is None or price >= most:
+            last, points = point, [*points, point]
+            if least:
+                widest = (last.solved.at.end - self.best.at.end) * least / prior
+        if widest is None or last.rise >= most:
             return widest
-        deviation = min(self.of_posterior(points), prior)
+        deviation = min(self.of_posterior(way, points), prior)
         return widest * max(1.0, deviation / abs(widest[self.axis]))
 
-    def of_posterior(self, points) -> float:
+    def of_posterior(self, way: int, points) -> float:
         """Return the root of the second moment [m] of exp(-rise), a posterior density.
 
-        A plateau a few nats above a narrow optimum can have most of its mass.  points:
-        steps [m] and rises [nats] of some solves.  Between them the root of the rise is
-        a straight line, as of a Gaussian; behind the last one what is not the prior's,
-        cost(step), rises as before.
+        A plateau a few nats above a narrow optimum can have most of its mass.  Between
+        the points the root of the rise is a straight line, as of a Gaussian; behind the
+        last one what is not the prior's, cost(step), rises as before.
         """
-        cost, steps, rises = self.cost, *np.array(points).T
+        steps, rises = np.array([(p.step, max(p.rise, 0.0)) for p in points]).T
         d = np.linspace(0, self.prior * np.sqrt(2 * self.target_rise), POSTERIOR_NODES)
         rise, behind = np.interp(d, steps, np.sqrt(rises)) ** 2, d > steps[-1]
-        rest = rises[-2:] - cost(steps[-2:])
+        rest = rises[-2:] - self.cost(way * steps[-2:])
         slope = max(0.0, (rest[1] - rest[0]) / (steps[-1] - steps[-2]))
         rise[behind] += slope * (d[behind] - steps[-1])
-        rise[behind] += cost(d[behind]) - cost(steps[-1])
+        rise[behind] += self.cost(way * d[behind]) - self.cost(way * steps[-1])
         density = np.exp(-rise)
         return float(np.sqrt((density * d**2).sum() / density.sum()))

@@ -45,7 +45,7 @@ from ..search.local_solve import RANKING_TOLERANCE
 from ..search.margins import PROFILE_RISE
 from ..search.solved import Solved, settings_of
 from ..solvers.solve import solve_levels
-from .profile_deviation import Profile
+from .profile_deviation import Point, Profile
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
 NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
@@ -57,7 +57,7 @@ PROFILE_MU = 1e-2
 PROFILE_ITERATIONS = 300  # of one such solve: a height on a plateau took 222
 
 
-def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
+def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     """Return the deviations (k, k) of sizes and final pose by profile likelihood.
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
@@ -79,11 +79,11 @@ def profiled(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     least = n + int(np.argmax(sigma[n : n + 2]))
     if sigma[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
         deviations[least] = by_gradient[chosen, least] / sigma[least]
-    elsewhere = partial(_constrained, solved, chosen)
     for profile in _profiles(solved, faces, sigma, least, seeks):
         axis = profile.axis
         way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], profile.prior)
-        deviations[axis], better = profile.deviation(elsewhere, way, way[chosen])
+        solve_held = partial(_solve_held, solved, chosen[axis], axis)
+        deviations[axis], better = profile.deviation(solve_held, way, way[chosen])
         if better is not None:
             return deviations, better
     return deviations, None
@@ -152,43 +152,35 @@ def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
     return lambda changes: added(ca.DM(np.atleast_1d(changes)).T).full().ravel()
 
 
-def _constrained(solved, chosen, axis, direction, touched) -> Callable:
-    """Return a function of a step [m]: the solve with one chosen unknown so far off.
+def _solve_held(
+    solved, held: int, axis: int, step: float, start: Point, direction, touched
+) -> Point | None:
+    """Return the Point at which one chosen unknown is a step [m] off, or None.
 
-    It is called with larger and larger steps, each solve starts from the one before,
-    and it returns None where one fails. direction: the response of all unknowns by the
-    Hessian, along which the start moves, or, with the samples on both faces of a size
-    (touched), only that size moves. A feasible solve with a small rise is enough. Poses
+    See Profile.deviation.  The start moves along the direction, or only the size does,
+    where samples touched a face.  A feasible solve with a small rise is enough.  Poses
     that the page computes are unknowns here, else none is held.
     """
-    problem, job, held = solved.problem, solved.job, chosen[axis]
-    low = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
+    problem, job, latest = solved.problem, solved.job, start.solved
+    x = problem.pack(latest.solution.values) + (step - start.step) * direction
+    least_sizes = np.broadcast_to(job.shape.bounds[0], job.shape.theta)
+    too_small = axis < len(least_sizes) and x[held] < least_sizes[axis]
+    if too_small or job.deadline.passed("profile likelihoods"):
+        return None
+    if touched is None:
+        values = problem.unpack(x)
+    else:
+        changed = resized(latest.at, axis, x[held], touched)
+        values = latest.solution.values | solved.built.values_at(changed)
     level = replace(
         job.page.LEVELS[-1].with_ipopt(max_iter=PROFILE_ITERATIONS),
         fixed=(np.array([held]),), eliminate=False, warm_start={"mu_init": PROFILE_MU},
     )  # fmt: skip
-    highest = solved.solution.objective + PROFILE_RISE
-    latest, reached = solved, 0.0
-
-    def there(step: float) -> Solved | None:
-        nonlocal latest, reached
-        values = latest.solution.values
-        x = problem.pack(values) + (step - reached) * direction
-        too_small = axis < len(low) and x[held] < low[axis]
-        if too_small or job.deadline.passed("profile likelihoods"):
-            return None
-        if touched is None:
-            values = problem.unpack(x)
-        else:
-            moved = resized(latest.at, axis, x[held], touched)
-            values = values | solved.built.values_at(moved)
-        start = replace(latest.solution, values=values)
-        settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
-        again = solve_levels(problem, (level,), start, settings, solved.built.solvers)
-        feasible = max(again.violations.values(), default=0.0) <= RANKING_TOLERANCE
-        if not (feasible and (again.success or again.objective < highest)):
-            return None
-        latest, reached = replace(solved, solution=again), step
-        return latest
-
-    return there
+    guess = replace(latest.solution, values=values)
+    settings = replace(settings_of(job), tolerance=RANKING_TOLERANCE)
+    again = solve_levels(problem, (level,), guess, settings, solved.built.solvers)
+    rise = again.objective - solved.solution.objective
+    feasible = max(again.violations.values(), default=0.0) <= RANKING_TOLERANCE
+    if feasible and (again.success or rise < PROFILE_RISE):
+        return Point(step, rise, replace(solved, solution=again))
+    return None

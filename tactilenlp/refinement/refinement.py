@@ -30,7 +30,7 @@ from ..search.solved import Solved, best_first
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit
-from .incremental_polytope import repaired
+from .incremental_polytope import continue_if_implausible
 
 
 def refined(job, kept, solves, start=None, earlier=()) -> list[Solved]:
@@ -45,14 +45,15 @@ def refined(job, kept, solves, start=None, earlier=()) -> list[Solved]:
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
         flat = replace(job, reductions=required)
-        slid = repaired(refined(flat, kept, solves.provisional(), start))
+        slid = refined(flat, kept, solves.provisional(), start)
+        slid = continue_if_implausible(slid)
         if not tracked or planar_certificate(flat, slid[0]).holds:
-            return _in_free_motion(job, slid if tracked else slid[:1], solves)
+            return _solve_in_free_motion(job, slid if tracked else slid[:1], solves)
     start = start if tracked else None
-    return _solved_promising(job, kept, solves, start, earlier)
+    return _solve_promising(job, kept, solves, start, earlier)
 
 
-def _in_free_motion(job, slid, solves) -> list[Solved]:
+def _solve_in_free_motion(job, slid, solves) -> list[Solved]:
     """Return the page in free motion, from planar solves that are close to the best."""
     ends = [s.at for s in slid]
     near = distinct(job.shape, ends, len(ends), DECISIVE)
@@ -60,7 +61,7 @@ def _in_free_motion(job, slid, solves) -> list[Solved]:
     return best_first(solves.add(freed_to_tilt(job, s)) for s in slid)
 
 
-def _solved_promising(job, kept, solves, start, earlier) -> list[Solved]:
+def _solve_promising(job, kept, solves, start, earlier) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first ones, which continue `start`, explain the new data, they are solved
@@ -70,12 +71,12 @@ def _solved_promising(job, kept, solves, start, earlier) -> list[Solved]:
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
     promising = in_distinct_namings(job, promising)
-    begun = [s.hypothesis.x for s in earlier]
-    promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in begun)]
+    paths = [s.hypothesis.x for s in earlier]
+    promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in paths)]
     few = start is not None and promising and not earlier
     close = promising[0].objective + UNCHANGED if few else np.inf
     first = [h for h in promising if h.objective <= close]
-    again = [*earlier, *([] if start is None else solved_again(job, start))]
+    again = [*earlier, *([] if start is None else solve_from_estimate(job, start))]
     solved = multistart(job, first, levels, again, solves)
     solved = best_first([*solved, *again])
     if len(first) < len(promising) and not still_explained(solved[0], start):
@@ -92,7 +93,7 @@ def _solved_promising(job, kept, solves, start, earlier) -> list[Solved]:
     return best_first(good or solved)
 
 
-def solved_again(job, start) -> list[Solved]:
+def solve_from_estimate(job, start) -> list[Solved]:
     """Return the page solved from the solution of `start`, if it is of all the data."""
     same_data = start.success and start.measurements.samples == job.data.samples
     if not same_data or {**start.reductions} != asdict(job.reductions):

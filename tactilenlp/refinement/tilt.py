@@ -53,7 +53,7 @@ def with_tilt(best: Solved) -> Solved:
     free = job.with_reductions(planar=False)
     tilted = freed_to_tilt(free, best)
     guess_levels = job.contract.rough
-    if guess_levels and not explained(tilted):
+    if guess_levels and not explains_touches(tilted):
         levels = [held_briefly(guess_levels[0]), *guess_levels[1:]]
         again = solved_from(free, tilted_by_normals(best), levels=levels)
         tilted = best_first([tilted, again])[0]
@@ -64,7 +64,7 @@ def with_tilt(best: Solved) -> Solved:
     return without_needless(replace(tilted, declined=best.declined))
 
 
-def explained(solved: Solved) -> bool:
+def explains_touches(solved: Solved) -> bool:
     """Tell whether touches cost no more than in a good fit.
 
     A solve from the rough levels takes seconds, and no tilt explains noise.

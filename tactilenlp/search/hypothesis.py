@@ -22,6 +22,7 @@ from ..common.layout import ANY
 from ..data.sensor_noise import latency_cost, with_fingers_earlier
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
+from ..information.mixture import relabellings
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
 from ..tracking.surface import supports, trajectory_outline
@@ -217,7 +218,7 @@ def _folded(shape, yaw):
 
     The circular mean is in the middle, so that nearly equal yaws stay together.
     """
-    turns = sum(axes[2][2] > 0.5 for _, axes in shape.relabellings)
+    turns = len(relabellings(shape, upright=True))
     middle = np.angle(np.exp(1j * turns * yaw).mean()) / turns
     return (yaw - middle + np.pi / turns) % (2 * np.pi / turns)
 

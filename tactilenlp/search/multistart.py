@@ -8,6 +8,7 @@ to the same body as an earlier one is not solved further, nor one that is far be
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from .local_solve import (
     solved_from,
 )
 from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
-from .solved import Solves, best_first
+from .solved import Solved, Solves, best_first
 
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses
@@ -85,52 +86,19 @@ def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:
     that the new ones compete with; solves: where results are added, those before
     the last level as provisional ones.
     """
-    solves, last = solves or Solves(), levels[-1]
-    levels = [ranking(level) for level in levels]
-    with interruptible():
-        _multistart(job, hypotheses, levels, earlier, solves)
-        if levels[-1] is not last:
-            _finish(job, last, earlier, solves)
-    return best_first(solves.ended)
-
-
-def _multistart(job, hypotheses, levels, earlier, solves) -> None:
-    """Add solves before the last level as provisional ones, and those after it."""
+    solves, ranked = solves or Solves(), [ranking(level) for level in levels]
     provisional = solves.provisional()
-    built = None  # each stage ends with a level that holds no poses
-    stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
-    stage_ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
-    separate = separate or not job.reductions.planar
-    for h in progress(hypotheses, "solve"):
-        any_ended = earlier or solves.ended or provisional.ended
-        if any_ended and job.deadline.passed("all hypotheses"):
-            break
-        if built is None or job.shape.window_depends_on_start:
-            built = built_page(job, in_motion_of(job, h))
-        if separate:  # held or free poses do not come together before the last level
-            solves.add(solved_from(job, h, built, levels))
-            continue
-        end, first = _solved_stages(job, h, built, stages, stage_ends)
-        if first is None:
-            provisional.add(end)
-        elif first is min(provisional.ended, key=lambda s: s.at.rank).hypothesis:
-            log.info("two starts lead to the best optimum: no others are solved")
-            break
-    earlier_ends = [end for s in earlier for end in (s.at, s.before_last_level) if end]
-    for s in sorted(provisional.ended, key=lambda s: s.at.rank):
-        known = [*earlier, *solves.ended]
-        if known and job.deadline.passed("all hypotheses"):
-            break
-        if any(same(job.shape, s.at, end) for end in earlier_ends):
-            continue
-        good = [k.solution.objective for k in known if k.solution.success]
-        margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
-        if s.solution.objective > min(good, default=np.inf) + margin:
-            continue  # too far behind the best to be solved to the end
-        end = solved_from(job, s.hypothesis, s.built, levels[-1:], s.solution)
-        solves.add(replace(end, before_last_level=s.at))
-        earlier_ends.append(s.at)
+    with interruptible():
+        # Held or free poses do not come together before the last level.
+        if separate or not job.reductions.planar:
+            _solve_separately(job, hypotheses, ranked, earlier, solves)
+        else:
+            _solve_until_alike(job, hypotheses, ranked[:-1], earlier, provisional)
+        _solve_promising(job, provisional.ended, ranked[-1:], earlier, solves)
+        if ranked[-1] is not levels[-1]:
+            _finish_best(job, levels[-1], earlier, solves)
+    return best_first(solves.ended)
 
 
 def ranking(level):
@@ -140,7 +108,85 @@ def ranking(level):
     return level.with_ipopt(max_iter=RANKED_ITERATIONS)
 
 
-def _finish(job, level, earlier, solves) -> None:
+def _in_turn(job, hypotheses, earlier, solves) -> Iterator:
+    """Yield hypotheses with a page built for each, while time is left for another."""
+    built = None
+    for h in progress(hypotheses, "solve"):
+        if (earlier or solves.ended) and job.deadline.passed("all hypotheses"):
+            break
+        if built is None or job.shape.window_depends_on_start:
+            built = built_page(job, in_motion_of(job, h))
+        yield h, built
+
+
+def _solve_separately(job, hypotheses, levels, earlier, solves) -> None:
+    """Solve all levels from each hypothesis."""
+    for h, built in _in_turn(job, hypotheses, earlier, solves):
+        solves.add(solved_from(job, h, built, levels))
+
+
+def _solve_until_alike(job, hypotheses, levels, earlier, provisional) -> None:
+    """Add the solve from each hypothesis that comes to another body than those before.
+
+    Once two of them lead to the best one, no others are solved.
+    """
+    # Each stage ends with a level that holds no poses.
+    stages, starts = grouped(levels, lambda before, _: "x" not in before.fixed), []
+    for h, built in _in_turn(job, hypotheses, earlier, provisional):
+        solved, ends, alike = _solve_stages(job, h, built, stages, starts)
+        starts.append((solved, ends))
+        if alike is None:
+            provisional.add(solved)
+        elif alike is min(provisional.ended, key=lambda s: s.at.rank):
+            log.info("two starts lead to the best optimum: no others are solved")
+            break
+
+
+def _solve_stages(job, h, built, stages, starts) -> tuple[Solved, list, Solved | None]:
+    """Solve the stages one after another; return the last solve, and where each ended.
+
+    And the solve from an earlier start, if a stage ends at the same body as that start
+    did at that stage: the rest is skipped.  Nearly all starts of soft fingertips come
+    together at the first one (18 of 18, results/EXPERIMENTS.md).  starts: last solve
+    and ends of each; an end of a failed solve is None.
+    """
+    solved, ends = None, []
+    for levels in stages:
+        solution = None if solved is None else solved.solution
+        solved = solved_from(job, h, built, levels, solution)
+        end = solved.at if solved.solution.success else None
+        for earlier, others in starts if end else ():
+            other = others[len(ends)] if len(ends) < len(others) else None
+            if other and same(job.shape, end, other):
+                return solved, ends, earlier
+        ends.append(end)
+    return solved, ends, None
+
+
+def _solve_promising(job, provisional, last, earlier, solves) -> None:
+    """Solve the last level from provisional solves, from each body once, best first.
+
+    Not from those that are too far behind the best to be solved to the end.
+    """
+    ends = [end for s in earlier for end in (s.at, s.before_last_level) if end]
+    for s in sorted(provisional, key=lambda s: s.at.rank):
+        done = [*earlier, *solves.ended]
+        if done and job.deadline.passed("all hypotheses"):
+            break
+        best = min(
+            (d.solution.objective for d in done if d.solution.success), default=np.inf
+        )
+        margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
+        if s.solution.objective > best + margin:
+            continue
+        if any(same(job.shape, s.at, end) for end in ends):
+            continue
+        end = solved_from(job, s.hypothesis, s.built, last, s.solution)
+        solves.add(replace(end, before_last_level=s.at))
+        ends.append(s.at)
+
+
+def _finish_best(job, level, earlier, solves) -> None:
     """Solve the best start to the end, if it is unfinished and ahead of the others."""
     ended = [s.cost for s in (*earlier, *solves.ended) if s.solution.success]
     ahead = [s for s in solves.ended if not s.solution.success]
@@ -149,24 +195,3 @@ def _finish(job, level, earlier, solves) -> None:
         best = min(ahead, key=lambda s: s.cost)
         end = solved_from(job, best.hypothesis, best.built, [level], best.solution)
         solves.exchange(best, replace(end, before_last_level=best.before_last_level))
-
-
-def _solved_stages(job, h, built, stages, stage_ends):
-    """Solve the stages one after another; return the last solve, and None.
-
-    Where a stage ends at the same body as an earlier start did at that stage, the rest
-    is skipped, and that start is returned as second: nearly all starts of soft
-    fingertips come together at the first one (18 of 18, results/EXPERIMENTS.md).
-    stage_ends: of each stage, (start, Hypothesis there) of converged solves; extended.
-    """
-    solved = None
-    for levels, ends in zip(stages, stage_ends, strict=True):
-        before = None if solved is None else solved.solution
-        solved = solved_from(job, h, built, levels, before)
-        if not solved.solution.success:
-            continue
-        for start, end in ends:
-            if same(job.shape, solved.at, end):
-                return solved, start
-        ends.append((h, solved.at))
-    return solved, None

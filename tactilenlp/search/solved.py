@@ -14,9 +14,12 @@ from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
 from ..information.information import FACE_COSINE
-from ..information.mixture import LocalOptimum, optimum_of
-from ..information.polytope_information import occam_of_hull, tangent_space_of_hull
-from ..information.tangent_space import TangentSpace, tangent_space_of
+from ..information.mixture import LocalOptimum, occam_of_hull, optimum_of
+from ..information.tangent_space import (
+    TangentSpace,
+    tangent_space_of,
+    tangent_space_of_hull,
+)
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
@@ -141,7 +144,7 @@ class Solved:
         """What the evidence loses by vertices whose number it chooses [nats]."""
         return occam_of_hull(self.kkt) if self.job.shape.counts else 0.0
 
-    @property
+    @cached_property
     def fit(self) -> Fit | None:
         """How well it explains its data; None of a page of another touch likelihood."""
         job = self.job

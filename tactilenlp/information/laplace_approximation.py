@@ -1,0 +1,112 @@
+r"""Compute the information of a solved problem: a Laplace approximation.
+
+matrix              the exact information, by the reduced Hessian of the Lagrangian
+                    (nlp/kkt.py)
+covariance_matrix   what `sigma` reports: the error budget (error_budget.py), of sizes
+                    with a mixture of the local optima that were found (mixture.py)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.convex_hull import centroid
+from ..nlp.kkt import KKTSystem
+from .error_budget import errors_by_name, summed, variances_by_name
+from .error_budget_terms import beyond_mixture
+from .information import LEAST_DEVIATION, Information
+from .linearisation import Linearisation, Response
+from .mixture import LocalOptimum, bounded, distinct_modes, laplace_mixture, one_mode
+from .tangent_space import inverse, open_directions, slope_of_centroid
+from .trajectory import (
+    deviations_of_path,
+    fields_of_offsets,
+    response_to_ground,
+    trajectory_variance,
+)
+
+MAX_NAMES = 4  # unknowns that name a direction
+
+
+def information_of(linearisation: Linearisation, solved, faces, others) -> Information:
+    """Return the information about shape and last pose of a search's Solved page.
+
+    faces: how many samples touched each, (axes, 2) of a box; others: LocalOptima of the
+    same data, of a shape with sizes.
+    """
+    kkt, tangent = linearisation.kkt, solved.tangent
+    by_ground, ground = response_to_ground(linearisation, tangent)
+    response = linearisation.response(tangent.chosen, tangent.jacobian, by_ground)
+    if solved.window.shape.last_pose_held:
+        fields, errors = _of_vertices(response, solved, faces)
+    else:
+        fields, errors = _of_sizes(response, solved, faces, others)
+    by_gradient, matrix = response.by_gradient, fields["matrix"]
+    parts = {
+        name: matrix @ (by_gradient.T @ (H @ by_gradient)) @ matrix
+        for name, H in kkt.hessians.items()
+    }
+    roles = {name: kkt.problem.terms[name].role or "constraint" for name in parts}
+    return Information(
+        names=tangent.names, parts=parts, roles=roles, maps=tangent.maps,
+        fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous, ground=ground,
+        considered={name: d.considered for name, d in linearisation.doubts.items()},
+        budget=variances_by_name(errors, tangent.maps), **fields,
+    )  # fmt: skip
+
+
+def _of_sizes(response: Response, solved, faces, others) -> tuple:
+    """Return fields of the Information about sizes, and the errors (k, k) by name."""
+    linearisation, tangent, C = response.linearisation, solved.tangent, response.hessian
+    solution, window, shape = solved.solution, solved.window, solved.window.shape
+    errors = errors_by_name(response)
+    best = LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
+    optima = distinct_modes(shape, [best, *others])
+    modes = laplace_mixture(shape, optima, summed(errors))
+    beyond = beyond_mixture(modes, linearisation, tangent, faces, solved.profile)
+    errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
+    path = deviations_of_path(linearisation, tangent, modes, optima, more)
+    covariance, errors = bounded(errors, modes.covariance + more, shape)
+    words, directions = open_directions(tangent, covariance, shape, faces)
+    fields = {
+        "matrix": inverse(C), "covariance_matrix": covariance, "modes": modes,
+        "unobserved": words, "directions": directions, "path": path,
+        "indefinite": _indefinite(linearisation.kkt),
+    }  # fmt: skip
+    return fields | fields_of_offsets(linearisation, tangent), errors
+
+
+def _of_vertices(response: Response, solved, faces) -> tuple:
+    """Return fields of the Information about vertices, and the errors (k, k) by name.
+
+    Some of them a bound holds, by the ground: these vary by LEAST_DEVIATION.
+    """
+    linearisation, C = response.linearisation, response.hessian
+    linearisation.job.deadline.check()
+    floor = LEAST_DEVIATION**2 * np.eye(len(C))
+    errors = errors_by_name(response) | {"active bounds": floor}
+    covariance, V = summed(errors), solved.solution.values["theta"].T
+    path = trajectory_variance(linearisation, (centroid(V), slope_of_centroid(V)))
+    missing = int(np.count_nonzero(faces == 0))
+    words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
+    negative = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
+    fields = {
+        "matrix": np.linalg.inv(C + floor), "covariance_matrix": covariance,
+        "modes": one_mode(solved.solution.objective, covariance), "unobserved": words,
+        "directions": np.zeros((len(C), 0)), "path": np.sqrt(path),
+        "indefinite": ("vertices",) if negative else (),
+    }  # fmt: skip
+    return fields, errors
+
+
+def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:
+    """Name the term and the unknowns along which the reduced Hessian curves down."""
+    if kkt.negative is None:
+        return ()
+    term, direction = kkt.negative
+    share = np.abs(direction / kkt.problem.scale)
+    worst, where = np.argsort(share)[::-1][:MAX_NAMES], []
+    for name, v in kkt.problem.variables.items():
+        for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
+            where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
+    return (f"{term} along {', '.join(where)}",)

@@ -1,0 +1,259 @@
+r"""A solution to first order: how an estimate responds to data and to assumptions.
+
+    dz/da = - K^{-1} [ d^2 L / dx da ]
+                     [ d g   / da    ]
+
+for measurements, mass, frictions, sensor noise and finger offsets a, by the factorised
+K of the solution and central differences of exact gradients: no solve is repeated
+(Fiacco, Introduction to Sensitivity and Stability Analysis in Nonlinear Programming,
+1983).  It holds as long as no contact changes its state.
+
+The ground is assumed to be level, or as it was told.  r (2,) are its rotations about
+its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a ground that
+is turned by r, positions and normals of the touches turn by -r.  What is known of r is
+read as of consider_parameters.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from formulations.names import TOUCH_TERM
+
+from ..data.ground import frame_of
+from ..data.sensor_noise import told_later
+from ..nlp.kkt import KKTSystem
+from .consider_parameters import Doubt, derivatives, doubts_of, ends_of
+from .measurement_noise import (
+    MixedDerivatives,
+    mixed_derivatives,
+    sensitivity_to_measurements,
+)
+from .tangent_space import pose_jacobians
+
+ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
+TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A solution to first order: its KKT system, and what its measurements move.
+
+    job: the search's Job, whose deadline is checked between the terms of the budget.
+    """
+
+    kkt: KKTSystem
+    job: object
+    window: object
+
+    @cached_property
+    def derivatives(self) -> list[MixedDerivatives]:
+        """The mixed derivatives of every term that reads measurements."""
+        return mixed_derivatives(self.kkt, self.job, self.window)
+
+    @cached_property
+    def doubts(self) -> dict[str, Doubt]:
+        """The doubts about the consider parameters, by name."""
+        return doubts_of(self)
+
+    @cached_property
+    def motions(self) -> np.ndarray:
+        """How poses move (unknowns, 3), zero for other unknowns.
+
+        Their velocities; by how far a body may be off that was let go in motion; and
+        how far poses are moved on for which late sensors have told nothing yet.
+        """
+        kkt, window, latency = self.kkt, self.window, self.job.precision.latency
+        pose, step = kkt.problem.variables["x"], window.step
+        x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
+        v, ahead, motions = (
+            np.zeros_like(x),
+            np.zeros_like(x),
+            np.zeros((kkt.x.size, 3)),
+        )
+        v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
+        unseen = window.pose[told_later(self.job.data, latency)]
+        ahead[unseen] = latency * v[unseen]
+        ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
+        motions[pose.span] = np.stack(ways, axis=1)
+        return motions
+
+    @cached_property
+    def tilt(self) -> GroundTilt | None:
+        """The tilt of the ground about where the body is at the end.
+
+        None where it is known, or there is none.
+        """
+        job, scene = self.job, self.job.scene
+        exact = scene.ground is None or scene.sigma_tilt == 0
+        if exact or TOUCH_TERM not in self.kkt.problem.costs:
+            return None
+        end = self.end * (1, 1, 0)
+        return ground_tilt(self.kkt, job.build, self.window, job.data, scene, end)
+
+    @cached_property
+    def values(self) -> dict[str, np.ndarray]:
+        """The unknowns by name, as in a Solution."""
+        return self.kkt.problem.unpack(self.kkt.x)
+
+    @property
+    def R_wg(self) -> np.ndarray:
+        """The rotation (3, 3) from the ground's frame, of the problem, to the world."""
+        return frame_of(self.job.scene.ground).rotation.T
+
+    @property
+    def end(self) -> np.ndarray:
+        """The body's middle (3,) [m] at the last sample, ground frame."""
+        theta, x = self.values["theta"], self.values["x"][:, -1:]
+        shape, motion = self.window.shape, self.window.motion
+        if shape.last_pose_held:
+            return theta.mean(axis=1)
+        return pose_jacobians(shape, motion, theta[:, 0], x)[0][0]
+
+    def response(self, chosen, jacobian, by_ground=0.0) -> Response:
+        """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.
+
+        by_ground (k, 2): how they turn with the frame of the ground itself.
+        """
+        by_gradient, by_constraint = (
+            part @ jacobian.T for part in self.kkt.sensitivity(chosen)
+        )
+        C = jacobian @ by_gradient[chosen]
+        motions = (jacobian @ self.motions[chosen]).T
+        hessian = (C + C.T) / 2
+        return Response(self, by_gradient, by_constraint, hessian, by_ground, motions)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How k numbers of interest respond to errors: what terms are computed from.
+
+    by_gradient (unknowns, k), by_constraint (rows, k): see KKTSystem.sensitivity;
+    hessian (k, k): the covariance by the Hessian alone; by_ground: see
+    Linearisation.response; motions (3, k): see Linearisation.motions.
+    """
+
+    linearisation: Linearisation
+    by_gradient: np.ndarray
+    by_constraint: np.ndarray
+    hessian: np.ndarray
+    by_ground: np.ndarray | float
+    motions: np.ndarray
+
+    def to_measurements(self, through_touches: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return how they move with positions and normals, (k, T, F, 3) each.
+
+        Through the touches alone, or through all other terms.
+        """
+        terms = [
+            mixed for mixed in self.linearisation.derivatives
+            if (mixed.term.name == TOUCH_TERM) == through_touches
+        ]  # fmt: skip
+        data = self.linearisation.job.data
+        columns = self.by_gradient, self.by_constraint
+        return sensitivity_to_measurements(terms, data, *columns)
+
+
+def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradient of L and the values of all constraints at the solution.
+
+    data: by default those of `problem`, with the parameters of the solution.
+    """
+    if data is None:
+        data = kkt.data + (problem.data() - kkt.problem.data())
+    forces = [np.ravel(kkt.multipliers[name]) for name in problem.constraints]
+    forces = np.concatenate([np.zeros(0), *forces])
+    slope, g = problem.assembly.lagrangian(kkt.x / problem.scale, data, forces)
+    return slope / problem.scale, g
+
+
+def difference(by_gradient, by_constraint, ends, step) -> np.ndarray:
+    """Return the change (k,) with r; ends: KKT residuals at r = step, -step."""
+    (s, g), (s_1, g_1) = ends
+    return -(by_gradient.T @ (s - s_1) + by_constraint.T @ (g - g_1)) / (2 * step)
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTilt:
+    """What is known of the rotations r (2,) [rad] of the ground from where it is taken.
+
+    slope (unknowns, 2): derivative of the gradient by r; about (3,) [m]: the point of
+    the ground that stays, ground frame; R_wg (3, 3): from there to the world; mean
+    (2,), information (2, 2) of r by touches and prior; level: odds that there is no
+    rotation at all, 0 once one was estimated.
+    """
+
+    slope: np.ndarray
+    about: np.ndarray
+    R_wg: np.ndarray
+    mean: np.ndarray
+    information: np.ndarray
+    level: float
+
+    @property
+    def gain(self) -> float:
+        """By how many nats the likeliest r lowers the objective."""
+        return float(self.mean @ self.information @ self.mean) / 2
+
+    @property
+    def squared(self) -> np.ndarray:
+        """E[r r'] (2, 2)."""
+        second = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
+        return second / (1 + self.level)
+
+    def covariance(self, by_gradient, by_ground=0.0) -> np.ndarray:
+        """Return the covariance (k, k) by it.
+
+        by_gradient: see KKTSystem.sensitivity; by_ground: see Linearisation.response.
+        """
+        moves = by_ground - by_gradient.T @ self.slope
+        return moves @ self.squared @ moves.T
+
+    def slopes_of_poses(self, points) -> np.ndarray:
+        """Return how poses at points (n, 3) [m] of the ground's frame turn with it.
+
+        (n, 6, 2), positions [m/rad] and rotations, world frame.
+        """
+        arm, axes = (points - self.about) @ self.R_wg.T, self.R_wg[:, :2]
+        positions = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
+        rotations = np.broadcast_to(axes, positions.shape)
+        return np.concatenate([positions, rotations], axis=1)
+
+
+def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
+    """Return the GroundTilt at a solution; build(window): its problem of a window.
+
+    data: smoothed, as the problem has them; scene: with the ground in whose frame they
+    are; about (3,) [m]: the point of the ground that stays, ground frame.
+    """
+    touch, ground, by_turn = window.touch, scene.ground, []
+    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
+        turn = [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
+        R = Rotation.from_rotvec(turn).as_matrix()
+        seen = data.transformed(R, about - R @ about)
+        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
+        p_wf[:, :3] = seen.finger_position[at]
+        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
+            p_wf[:, 3:] = seen.finger_orientation[at]
+        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
+        ends = ends_of(kkt, build, replace(window, touch=touched))
+        by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
+    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
+    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
+    response = np.stack([kkt.moved(b) for b in slope.T], axis=1)
+    data = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ response
+    values, vectors = np.linalg.eigh((data + data.T) / 2)
+    prior = 1 / scene.sigma_tilt**2
+    information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
+    tilted = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
+    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * tilted)
+    level = 0.0
+    if ground.told is None:
+        share = np.sqrt(np.linalg.det(information)) / prior
+        level = share * np.exp(-mean @ information @ mean / 2)
+    return GroundTilt(slope, about, ground.rotation.T, mean, information, float(level))
