@@ -1,4 +1,4 @@
-"""Count lines, and numbers with names at module level, of the search and the estimation.
+"""Count lines, and named numbers at module level, of the search and the estimation.
 
     python examples/benchmarks/count_code.py [--against COMMIT]
 
