@@ -31,7 +31,6 @@ COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 EVERY = 8  # samples of a trajectory that are compared
 # [m] far trajectories; [nats] their bonus; too far behind:
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
-CLOSED = "closed"  # in the path of a body whose every face was touched
 
 
 @printed
@@ -41,7 +40,8 @@ class Hypothesis:
 
     Poses are planar (3, T), or free (6, T) where a solve of free motion starts or ends;
     path: the proposals that led to it, one word an action; offset (3, F) [m] of the
-    fingers, where their positions are not known exactly.
+    fingers, where their positions are not known exactly; carried: whether it was, by
+    hand, between two actions; closed: whether every face was touched, of a polytope.
     """
 
     theta: np.ndarray
@@ -50,10 +50,17 @@ class Hypothesis:
     path: tuple[str, ...]
     iterations: int = 0
     offset: np.ndarray | None = None
+    carried: bool = False
+    closed: bool = False
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "theta": (ANY,), "x": (ANY, ANY), "offset": (3, ANY),
     }  # fmt: skip
+
+    @classmethod
+    def from_file(cls, path, **fields) -> Hypothesis:
+        """Return that of a file, where `closed` may be a word of the path alone."""
+        return cls(path=path, **{"closed": "closed" in path} | fields)
 
     @property
     def rank(self) -> float:

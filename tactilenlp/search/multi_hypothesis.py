@@ -48,7 +48,6 @@ SMOOTHED = 300  # tracks that are smoothed at most
 LYING = 5  # of them a start, far from each other, from which least motion is solved
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
 TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
-CARRIED_ON = "carried"  # name of a track of a body that was carried between actions
 POSTERIOR_PARTS = 250  # of a posterior: parts of all its hypotheses together
 
 
@@ -57,13 +56,14 @@ class _Past:
     """What tracks continue: hypotheses, and how their poses follow size and last pose.
 
     along: (T, 3, n + 3) of each; of: by first track, which of them it continues; name:
-    of the proposal.
+    of the proposal; carried: whether the body may be, between two actions.
     """
 
     kept: tuple
     along: tuple
     of: np.ndarray
     name: str = "track"
+    carried: bool = False
 
     @property
     def samples(self) -> int:
@@ -74,7 +74,9 @@ class _Past:
         """Return hypothesis `of`, changed to end at `begin`, with the poses `tail`."""
         theta = end[:-3]
         if not self.kept:
-            return Hypothesis(theta, tail, objective, (self.name,))
+            return Hypothesis(
+                theta, tail, objective, (self.name,), carried=self.carried
+            )
         h = self.kept[of]
         change, path = begin - h.end, (*h.path, self.name)
         if abs(change[-1]) > TURNED_AS_A_WHOLE:
@@ -82,7 +84,9 @@ class _Past:
         else:
             past = h.x + (self.along[of] @ change).T
         x = np.hstack([past, tail])
-        return replace(h, theta=theta, x=x, objective=objective, path=path)
+        return replace(
+            h, theta=theta, x=x, objective=objective, path=path, carried=self.carried
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +163,7 @@ class TrackedSearch:
     def _others(self) -> list[list[Hypothesis]]:
         """Tracks of other searches that the data ask for, far from each other."""
         job, kept, again = self.job, self.kept, []
-        if self._continued[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
+        if self._continued[0].carried:  # soft fingertips may look alike
             stays = replace(job, may_be_carried=False)
             again.append((stays, kept, "a search for a body that stays"))
         if kept and not precise(job.data, job.precision) and job.data.contact.any():
@@ -210,7 +214,7 @@ def smoothed_tracks(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
     if results is None:
         log.info("the body was carried between two actions: all are tracked again")
         past, *results = _tracked_actions(job, ekf, kept, keep, carried=True)
-        results = (replace(past, name=CARRIED_ON), *results)
+        results = (replace(past, name="carried", carried=True), *results)
     past, *results = results
     return _smoothed(past, job.data.samples, *results, count)
 

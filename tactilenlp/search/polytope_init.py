@@ -34,7 +34,7 @@ from ..geometry.convex_hull import (
     without_touch,
 )
 from ..problem.reductions import Reductions, reduce
-from .hypothesis import CLOSED, Hypothesis
+from .hypothesis import Hypothesis
 from .local_solve import built_page
 from .margins import LEAST_MOTION_BEHIND
 from .plane_slam import (
@@ -233,13 +233,14 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     ground = job.scene.ground is not None
     arguments = window, faces, job.shape.size_prior, ground
-    hulls = {("planes",): corners_behind_planes(*arguments)}
-    if ground:
-        hulls["planes", CLOSED] = corners_behind_planes(*arguments, ball=False)
-    return [
-        Hypothesis(corners.ravel(), faces.x, faces.objective, path, faces.iterations)
-        for path, corners in hulls.items() if corners is not None
-    ]  # fmt: skip
+    theta = corners_behind_planes(*arguments).ravel()
+    cost, iterations = faces.objective, faces.iterations
+    hull = Hypothesis(theta, faces.x, cost, ("planes",), iterations)
+    corners = corners_behind_planes(*arguments, ball=False) if ground else None
+    if corners is None:
+        return [hull]
+    path = *hull.path, "closed"
+    return [hull, replace(hull, theta=corners.ravel(), path=path, closed=True)]
 
 
 def unfitted(job, faces: Faces) -> Hypothesis:

@@ -25,7 +25,7 @@ from ..problem.poses import poses
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
-from .hypothesis import CLOSED, Hypothesis, Job
+from .hypothesis import Hypothesis, Job
 from .margins import DECISIVE, NEGLIGIBLE
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
@@ -133,7 +133,7 @@ class Solved:
 
         A face that no touch supports must lower the objective by DECISIVE.
         """
-        favour = DECISIVE * (CLOSED in self.hypothesis.path)
+        favour = DECISIVE * self.hypothesis.closed
         cost = self.cost + (self.occam if self.solution.success else 0.0)
         return not self.solution.success, round(cost, 3) - favour
 
