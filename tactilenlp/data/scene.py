@@ -23,6 +23,9 @@ SCENE_REMEDIES = {  # of a number that is out of range, where it cannot be None
     "mass": "divide by 1000 if it is in grams; if it is not known, give a guess",
     "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
 }
+# [-] of ground, of fingers where not known; no ground has none: pushes divide by it
+TYPICAL_FRICTION = 0.3, 0.5
+LOW_FRICTION = 0.1  # [-] of the ground, where it is not known and must stop the body
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
@@ -200,3 +203,15 @@ class Scene:
                 next="set Scene(ground=Ground(height=...)), or ground=None for none; "
                 "set valid=False where single positions are wrong",
             )
+
+
+def typical_friction(scene) -> tuple[float, float]:
+    """Return the friction of the ground and of the fingers: typical where not known."""
+    ground, finger = TYPICAL_FRICTION
+    finger = finger if scene.friction_finger is None else scene.friction_finger
+    return scene.friction_ground or ground, finger
+
+
+def low_friction(scene) -> float:
+    """Return the friction of the ground, low where it is not known."""
+    return LOW_FRICTION if scene.friction_ground is None else scene.friction_ground

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from formulations.friction import FRICTION
+from formulations.friction import FRICTION_MEAN
 from formulations.names import FINGER_FRICTION, GROUND_FRICTION
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
@@ -217,4 +217,4 @@ def _friction(estimate, name: str, told: float | None) -> float:
     """Return a friction coefficient: told, estimated, or the mean of its prior."""
     if told is not None:
         return told
-    return float(np.ravel(estimate.unknowns.get(name, FRICTION))[0])
+    return float(np.ravel(estimate.unknowns.get(name, FRICTION_MEAN))[0])

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.deadline import Deadline
 from ..data.contact_segments import lasting_contacts
+from ..data.scene import typical_friction
 from ..errors import MotionError
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
@@ -28,8 +29,6 @@ LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
-# [-] where a scene does not say, or says that the ground has none: pushes divide by it
-FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +108,9 @@ def filter_of(job, data) -> KalmanFilter:
     felt = lasting_contacts(data)
     begin_compilation(job.shape, data.fingers)
     return KalmanFilter(
-        data, felt, unseen_contact(data), noise, friction_of(scene), low, coasts(scene),
-        job.deadline, geometry_of(job.shape), job.process_noise,
+        data, felt, unseen_contact(data), noise, typical_friction(scene), low,
+        coasts(scene), job.deadline, geometry_of(job.shape), job.process_noise,
     )  # fmt: skip
-
-
-def friction_of(scene) -> tuple[float, float]:
-    """Return the friction of the ground and of the fingers: typical where not known."""
-    finger = FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger
-    return scene.friction_ground or FRICTION_GROUND, finger
 
 
 def started(z, P, fingers: int, rng) -> Tracks:
