@@ -8,7 +8,7 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp import Options, Session
-from tactilenlp.estimation.initial_search import searched
+from tactilenlp.estimation.initial_search import initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import certification
@@ -286,7 +286,7 @@ def test_profiles_of_shooting_are_those_of_multiple_shooting(recorded):
     for page in ("multiple_shooting", "shooting"):
         given = "cuboid", page, Options(), None, None, Session()
         request, _ = read_request(data.select([0, 1]), scene, *given)
-        starts, _ = searched(request, Incumbents([]))
+        starts, _ = initial_hypotheses(request, Incumbents([]))
         solved = solved_from(request.job, starts[0])
         found.append(profiled(solved, seeks=False)[0])
     where = np.flatnonzero(found[0].any(axis=1))

@@ -49,7 +49,7 @@ def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):
     before, once = predicted(job)
     same, more = predicted(rough)
     assert (before == same).all()
-    still = predicted(replace(job, process_noise=0.0))[1]
+    still = predicted(job.with_search(process_noise=0.0))[1]
     for i in (-3, -2, -1):
         ratio = (more - still)[i, i] / (once - still)[i, i]
         assert np.median(ratio) == pytest.approx(
@@ -167,13 +167,13 @@ def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
 def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, shape):
     """Not what the filter kept: the optima of the page after each action."""
     data, scene, _ = recorded
-    whole, searches = optima.searched, []
+    whole, searches = optima.initial_hypotheses, []
 
     def searched(request, incumbents, begun):
         searches.append((request.job.data, list(incumbents.kept)))
         return whole(request, incumbents, begun)
 
-    monkeypatch.setattr(optima, "searched", searched)
+    monkeypatch.setattr(optima, "initial_hypotheses", searched)
     bad = [True]  # at first only
     monkeypatch.setattr(optima, "fits_badly", lambda *_: bad and bad.pop())
     found = solve_estimate(data.select([0, 1, 2]), scene, shape=shape)

@@ -10,12 +10,12 @@ from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation import optima
-from tactilenlp.estimation.initial_search import ContactFrame, searched
+from tactilenlp.estimation.initial_search import ContactFrame, initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
 from tactilenlp.search.hypothesis import same, varied
 from tactilenlp.search.least_motion import least_motion, unseen
-from tactilenlp.search.multi_hypothesis import TrackedSearch
+from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.first_touch import body_height
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
@@ -48,7 +48,7 @@ def test_a_start_with_a_lower_objective_of_the_same_data_is_kept(
     data, scene, _ = recorded
     data, found = data.select(range(3)), estimate.hypotheses[0]
     lost = replace(found, x=found.x + np.array([[0.0], [0.0], [np.pi / 4]]))
-    monkeypatch.setattr(optima, "searched", lambda *_: ([lost], [lost]))
+    monkeypatch.setattr(optima, "initial_hypotheses", lambda *_: ([lost], [lost]))
     turned = solve_estimate(data, scene, throw=False)
     assert turned.objective > estimate.objective + 10  # another optimum
     again = solve_estimate(data, scene, start=estimate)
@@ -93,7 +93,7 @@ def test_noisy_paths_without_a_touch_are_not_searched_from_scratch(estimate):
     request, _ = read_request(estimate.measurements, scene, *given)
     data = request.job.data
     job = replace(request.job, data=replace(data, valid=np.zeros_like(data.valid)))
-    found = TrackedSearch(job, estimate.hypotheses, 2).starts()
+    found = TrackingSearch(job, estimate.hypotheses, 2).starts()
     assert found
     assert np.allclose(found[0].theta, estimate.theta, atol=0.02)
 
@@ -138,7 +138,7 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
         request, _ = read_request(
             there, scene, "cuboid", "violation_implicit", None, None, None, Session()
         )
-        found.append(searched(request, Incumbents([]))[1])
+        found.append(initial_hypotheses(request, Incumbents([]))[1])
     (best, *_), (moved, *_) = found
     back = ContactFrame(np.array([0.5, -0.25, np.pi / 2])).into(moved)
     assert same(CUBOID, best, back)  # its sides may be named otherwise

@@ -48,7 +48,7 @@ def coarse_rows(request: Request) -> np.ndarray | None:
     data = request.job.data
     each = (np.flatnonzero(data.action == a) for a in np.unique(data.action))
     rows = np.concatenate([tracked_samples(data, samples) for samples in each])
-    if len(rows) == data.samples or request.job.hypothesis is not None:
+    if len(rows) == data.samples or request.job.search.hypothesis is not None:
         return None
     try:
         check_touched(_at_rows(data, rows))

@@ -19,7 +19,7 @@ from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
 from ..search.hypothesis import Hypothesis, Job
 from ..search.local_solve import built_page
-from ..search.multi_hypothesis import TrackedSearch
+from ..search.multi_hypothesis import TrackingSearch
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -36,8 +36,8 @@ SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
-def searched(
-    request: Request, incumbents: Incumbents, search: TrackedSearch | None = None
+def initial_hypotheses(
+    request: Request, incumbents: Incumbents, search: TrackingSearch | None = None
 ) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Return hypotheses for the next action, and the same as the page starts from them.
 
@@ -45,7 +45,7 @@ def searched(
     that was begun.  A floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
-    if (hypothesis := request.job.hypothesis) is not None:
+    if (hypothesis := request.job.search.hypothesis) is not None:
         return [hypothesis], [hypothesis]
     if search is not None:
         hypotheses = search.starts()
@@ -55,9 +55,11 @@ def searched(
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
     if reduced.shape.tracked:
-        hypotheses = tracked_search(request, reduced, incumbents).starts()
+        hypotheses = search_in_contact_frame(request, reduced, incumbents).starts()
+    elif plane is None:
+        hypotheses = search_polytope(reduced, incumbents.kept, incumbents.keep)
     else:
-        hypotheses = _search_vertices(reduced, plane, incumbents)
+        hypotheses = _search_floating_polytope(reduced, plane, incumbents)
     if plane is None:
         return hypotheses, hypotheses
     starts = [in_free_motion(h, plane, reduced.shape) for h in hypotheses]
@@ -72,14 +74,11 @@ def reduced_job(request: Request) -> Job:
     return replace(job, reductions=Reductions())
 
 
-def _search_vertices(job, plane, incumbents) -> list[Hypothesis]:
-    """Return hypotheses of a polytope: poses and planes, then its vertices."""
-    kept, keep = incumbents.kept, incumbents.keep
-    if plane is None:
-        return search_polytope(job, kept, keep)
-    kept = [in_plane(h, plane) for h in kept]
-    hypotheses = search_polytope(job, kept, keep)
-    other, *_ = search_polytope(with_tilted_normals(job), kept, keep)
+def _search_floating_polytope(job, plane, incumbents) -> list[Hypothesis]:
+    """Return hypotheses of a polytope in a plane, and one that may tilt out of it."""
+    kept = [in_plane(h, plane) for h in incumbents.kept]
+    hypotheses = search_polytope(job, kept, incumbents.keep)
+    other, *_ = search_polytope(with_tilted_normals(job), kept, incumbents.keep)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*hypotheses, replace(other, objective=hypotheses[0].objective)]
 
@@ -108,14 +107,12 @@ class ContactFrame:
         return cls(np.r_[p[:2], np.arctan2(ahead[1], ahead[0])])
 
     def job(self, job: Job) -> Job:
-        """Return the job with its measurements and guesses in this frame."""
+        """Return the job with its measurements and its guess in this frame."""
         R = planar_matrix(-self.pose[2])
         t = -R @ np.array([*self.pose[:2], 0.0])
-        first = tuple(
-            (name, theta, carried(x[:, None], self.pose, np.zeros(3))[:, 0])
-            for name, theta, x in job.first
-        )
-        return replace(job, data=job.data.transformed(R, t), first=first)
+        guess = job.search.guess
+        job = job.with_search(guess=None if guess is None else self.into(guess))
+        return replace(job, data=job.data.transformed(R, t))
 
     def into(self, h: Hypothesis) -> Hypothesis:
         """Return a hypothesis of the ground's frame in this one."""
@@ -133,16 +130,16 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
     return replace(h, x=carried(h.x, old, new), offset=offset)
 
 
-def tracked_search(request: Request, job: Job, incumbents) -> TrackedSearch:
+def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingSearch:
     """Return the search for a shape with sizes, in the frame of the first touch.
 
-    job: with reductions of its own; incumbents: as of `searched`.
+    job: with reductions of its own; incumbents: as of `initial_hypotheses`.
     """
-    first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
-    job = replace(job, first=first)
+    guess = first_guess(request.start, job.shape, frame_of(job.scene.ground))
+    job = job.with_search(guess=guess)
     if not default_cache().functions and job.deadline.left > AMPLE:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)
     arguments = job, in_frame, request.widths[1], request.executor
-    return TrackedSearch(*arguments, keep=incumbents.keep, out_of=frame.out_of)
+    return TrackingSearch(*arguments, keep=incumbents.keep, out_of=frame.out_of)

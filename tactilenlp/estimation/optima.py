@@ -41,7 +41,12 @@ from ..search.hypothesis import Hypothesis, Job, distinct, same
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, reduced_job, searched, tracked_search
+from .initial_search import (
+    SEARCH_END,
+    initial_hypotheses,
+    reduced_job,
+    search_in_contact_frame,
+)
 from .interrupted import Incumbents
 
 log = logging.getLogger("tactilenlp")
@@ -93,7 +98,7 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
         optima = _better(optima, other)
     check = partial(checked, executor=request.executor)
     optima = best_certified(request, optima, check)
-    sought = request.job.hypothesis is None and fits_badly(request, optima.best)
+    sought = request.job.search.hypothesis is None and fits_badly(request, optima.best)
     other = _solved_by_action(request, optima.best.job) if sought else None
     if other is not None and _differs(other.best, optima.solved):
         optima = _better(optima, best_certified(request, other, check))
@@ -115,7 +120,7 @@ def _of_one_search(request, incumbents, update=None, earlier=()) -> Optima:
     if enough:
         kept = starts = [s.at for s in earlier]
     else:
-        kept, starts = searched(request, incumbents, search)
+        kept, starts = initial_hypotheses(request, incumbents, search)
     incumbents.kept, seconds = kept, incumbents.spent
     solved = _solved_page(request, starts, incumbents, update, earlier, enough)
     if solved and newly_late(request.job, solved[0].job):
@@ -135,15 +140,17 @@ def _updated_by_few(request, incumbents) -> tuple:
     all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    asked = job.shape.tracked and job.hypothesis is None and incumbents.kept
+    asked = job.shape.tracked and incumbents.kept
+    asked = asked and job.search.hypothesis is None
     asked = asked and job.reductions.planar and job.contract.rough
     asked = asked and precise(job.data, job.precision)
     if not (asked and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search = tracked_search(request, reduced_job(request), incumbents)
+    search = search_in_contact_frame(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()
     with job.deadline.ending("an update by few starts"):
-        enough = updated_by_few(job, start, search.first(), search.second, solves)
+        first, second = search.least_motion_optima(), search.best_track
+        enough = updated_by_few(job, start, first, second, solves)
     solved = solves.best_first()
     if solved:
         more = solved[0].solution.objective - start.objective
@@ -212,7 +219,7 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     if (
         ground is not assumed
         and assumed.told is None
-        and request.job.hypothesis is None
+        and request.job.search.hypothesis is None
     ):
         log.info("searching again on the ground that leans")
         return replace(from_scratch(request), job=as_found(request.job, best.job))

@@ -101,7 +101,7 @@ class ClassSolver:
         hypothesis = on_poses(job, poses)
         if hypothesis is None or hypothesis.objective > most:
             return None
-        request = replace(request, job=replace(job, hypothesis=hypothesis))
+        request = replace(request, job=job.with_search(hypothesis=hypothesis))
         return self._of_request(request, hypotheses)
 
     def _read(self, scene, shape, options, start) -> tuple[Request, list]:

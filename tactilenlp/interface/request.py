@@ -218,13 +218,13 @@ def check_touched(data) -> None:
     )  # fmt: skip
 
 
-def first_guess(start, shape, ground: Ground) -> tuple:
-    """Return a user's guess as the search takes it: (name, theta, x), or nothing.
+def first_guess(start, shape, ground: Ground) -> Hypothesis | None:
+    """Return a user's guess as the search takes it: one planar pose; or None.
 
-    x: planar pose in the frame of the ground.
+    In the frame of the ground.
     """
     if not isinstance(start, Guess):
-        return ()
+        return None
     theta = start.side_lengths
     if theta.shape != (shape.theta,):
         raise StartError(
@@ -238,7 +238,8 @@ def first_guess(start, shape, ground: Ground) -> tuple:
             next="divide by 1000 if these are millimetres",
         )  # fmt: skip
     place = ground.to_ground(ground.point(start.position))
-    return (("guess", theta, np.r_[place[:2], start.yaw]),)
+    x = np.r_[place[:2], start.yaw][:, None]
+    return Hypothesis(theta, x, np.inf, ("guess",))
 
 
 def kept_axes(start, job) -> tuple | None:
@@ -247,8 +248,8 @@ def kept_axes(start, job) -> tuple | None:
     Those of a guess, or of an estimate that was solved.
     """
     if isinstance(start, Guess):
-        (_, theta, x), *_ = first_guess(start, job.shape, frame_of(job.scene.ground))
-        return theta, planar_matrix(x[2])
+        guess = first_guess(start, job.shape, frame_of(job.scene.ground))
+        return guess.theta, planar_matrix(guess.x[2, 0])
     if start is None or not start.success or start.shape != job.shape.name:
         return None
     R = rotation_of(start.quaternion[0]).as_matrix()

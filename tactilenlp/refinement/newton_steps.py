@@ -185,7 +185,7 @@ def newly_late(job, other) -> bool:
     A job with a hypothesis is not searched.
     """
     new = other.precision.latency > job.precision.latency == 0
-    return new and job.hypothesis is None
+    return new and job.search.hypothesis is None
 
 
 def may_be_late(job) -> bool:

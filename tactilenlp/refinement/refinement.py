@@ -151,8 +151,8 @@ def from_scratch(request):
 
 def less_sure_of_pushes(request):
     """Return the request, less sure of how pushes move the body, but not carried."""
-    job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR, may_be_carried=False)
-    return replace(request, job=job)
+    settings = {"process_noise": PROCESS_NOISE_FACTOR, "may_be_carried": False}
+    return replace(request, job=request.job.with_search(**settings))
 
 
 def growing(request) -> list:

@@ -9,22 +9,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import ClassVar
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from formulations.implicit import noting_roots
 from formulations.page_contract import contract_of
+from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
-from ..data.sensor_noise import latency_cost, with_fingers_earlier
+from ..data.measurements import Measurements
+from ..data.scene import Scene
+from ..data.sensor_noise import Precision, latency_cost, with_fingers_earlier
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
+from ..problem.reductions import Reductions
 from ..tracking.surface import supports, trajectory_outline
 from ..tracking.tracks import diverse
+
+if TYPE_CHECKING:
+    from ..interface.options import Options
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
@@ -99,35 +107,44 @@ class TermFunctions(dict):
 
 
 @dataclass(frozen=True, eq=False)
+class SearchSettings:
+    """How a job is searched.
+
+    guess: a user's, of one sample, of the body at the first touch; process_noise:
+    factor of its deviations; may_be_carried: whether the body may be, by hand, between
+    two actions; hypothesis: one of all samples that is solved instead of a search.
+    """
+
+    guess: Hypothesis | None = None
+    process_noise: float = 1.0
+    may_be_carried: bool = True
+    hypothesis: Hypothesis | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Job:
     """What a solve needs to know, picklable: measurements and how to read them.
 
-    data, scene, shape, precision, reductions; page: a module with `build` and `LEVELS`;
-    options: the caller's; deadline: by which it is to end; functions: the caller's
-    store of term functions, filled by the solves; first: a user's guesses (name, theta,
-    x) of the first touch; cuts: samples within rest intervals that need a pose of their
-    own; process_noise: factor of the search's; may_be_carried: whether the search
-    considers that a body was, between two actions; hypothesis: one of all samples
-    that is solved instead of a search; recorded: the data before a latency, if any.
+    page: a module with `build` and `LEVELS`; options: the caller's; deadline: by which
+    it is to end; functions: the caller's store of term functions, filled by the solves;
+    cuts: samples within rest intervals that need a pose of their own; search: what only
+    a search reads; recorded: the data before a latency, if any.
 
     Pickled, it has no page: other processes search, and solve pages of their own.
     """
 
-    data: object
-    scene: object
-    shape: object
-    precision: object
-    reductions: object
-    page: object
-    options: object
+    data: Measurements
+    scene: Scene
+    shape: Shape
+    precision: Precision
+    reductions: Reductions
+    page: ModuleType | None
+    options: Options
     deadline: Deadline
     functions: TermFunctions
-    first: tuple = ()
-    cuts: tuple = ()
-    process_noise: float = 1.0
-    may_be_carried: bool = True
-    hypothesis: Hypothesis | None = None
-    recorded: object = None
+    cuts: tuple[int, ...] = ()
+    search: SearchSettings = SearchSettings()
+    recorded: Measurements | None = None
 
     def __getstate__(self) -> dict:
         return {**vars(self), "page": None}
@@ -136,6 +153,10 @@ class Job:
     def contract(self):
         """What the page states of itself."""
         return contract_of(self.page)
+
+    def with_search(self, **settings) -> Job:
+        """Return the job with other settings of the search, by name."""
+        return replace(self, search=replace(self.search, **settings))
 
     def with_reductions(self, **made: bool) -> Job:
         """Return the job with other values of some reductions, by name."""

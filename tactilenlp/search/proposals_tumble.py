@@ -24,7 +24,7 @@ from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.first_touch import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
-from .multi_hypothesis import TrackedSearch, smoothed_tracks
+from .multi_hypothesis import TrackingSearch, smoothed_tracks
 from .solved import BuiltPage
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
@@ -158,7 +158,7 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
         kept = []
         if job.data.contact[job.data.action < action].any():
             part = replace(job, data=job.data.select(actions[actions < action]))
-            kept = TrackedSearch(part, (), solves, executor).starts()
+            kept = TrackingSearch(part, (), solves, executor).starts()
         part = replace(job, data=job.data.select(actions[actions <= action]))
         tumbles = likeliest_tumbles(part, tumbled(part, kept))
         if tumbles:
@@ -182,7 +182,7 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
     lying = [t.lying(rest) for t in tumbles]
-    later = TrackedSearch(part, lying, solves, executor).starts()
+    later = TrackingSearch(part, lying, solves, executor).starts()
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
     joined = [motion for h, t in pairs for motion in t.joined(h)]

@@ -84,27 +84,26 @@ def from_first_touch(data, shape, rng, sigma: float):
 
 
 def from_guess(guess, geometry, rng):
-    """Return states and covariances about a user's guess (name, theta, x)."""
-    _, theta, x = guess
+    """Return states and covariances about a user's guess (n + 3,): theta and pose."""
     sigma = START_SIGMA
     if not geometry.shape.faced:
         sigma = geometry.each(START_SIGMA[0], *START_SIGMA[4:])
     off = sigma[:, None] * rng.normal(size=(len(sigma), DRAWN))
     off[:, 0] = 0.0
-    z = np.r_[theta, x][:, None] + off
+    z = guess[:, None] + off
     z[:-3] = np.maximum(z[:-3], SMALLEST / 2)
     return z, np.repeat(np.diag(sigma**2)[..., None], DRAWN, axis=2)
 
 
 def centred(data, shape, sigma: float) -> tuple:
-    """Return the guess (name, theta, x) of a typical box, touched in mid-face."""
+    """Return theta (3,) and pose (3,) of a typical box, touched in mid-face."""
     p, n = first_contact(data)
     mean, top = shape.typical_size, np.linalg.norm(n[:2]) < TOP_TILT
     height = body_height(data, shape, mean, sigma)
     level = n[:2] / max(np.linalg.norm(n[:2]), 1e-9)
     place = p[:2] if top else p[:2] - mean / 2 * level
     yaw = 0.0 if top else np.arctan2(n[1], n[0])
-    return "middle", np.array([mean, mean, height]), np.r_[place, yaw]
+    return np.array([mean, mean, height]), np.r_[place, yaw]
 
 
 def places_of(a, b, contact, rng) -> np.ndarray:

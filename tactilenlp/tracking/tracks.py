@@ -109,7 +109,7 @@ def filter_of(job, data) -> KalmanFilter:
     begin_compilation(job.shape, data.fingers)
     return KalmanFilter(
         data, felt, unseen_contact(data), noise, typical_friction(scene), low,
-        coasts(scene), job.deadline, geometry_of(job.shape), job.process_noise,
+        coasts(scene), job.deadline, geometry_of(job.shape), job.search.process_noise,
     )  # fmt: skip
 
 
