@@ -14,7 +14,7 @@ from tactilenlp.information.mixture import log_evidence
 from tactilenlp.interface.options import Guess, Session
 from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import model_selection
-from tactilenlp.search.proposals_surface import on_poses
+from tactilenlp.search.proposals_poses import on_poses
 
 
 def line(degree, x, y, sigma, spread):

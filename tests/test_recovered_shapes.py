@@ -30,7 +30,7 @@ from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.search.hypothesis import Hypothesis, same
 from tactilenlp.search.proposals_floating import search_plane
-from tactilenlp.tracking.first_touch import from_guess
+from tactilenlp.tracking.box_states import from_guess
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.surface import body_surface
 
@@ -149,7 +149,7 @@ def test_a_guess_is_as_uncertain_as_the_units_of_its_class_say():
         units=("m", "m", "rad"),
         size_prior=(0.045, (0.02, 0.02, 1.0)),
     )
-    guess = "guess", np.array([0.05, 0.04, 0.5]), np.zeros(3)
+    guess = np.array([0.05, 0.04, 0.5, 0.0, 0.0, 0.0])
     z, P = from_guess(guess, geometry_of(wedge), np.random.default_rng(0))
     assert np.sqrt(P[2, 2, 0]) == pytest.approx(50 * np.sqrt(P[0, 0, 0]))
     assert z[2].std() == pytest.approx(0.3, rel=0.1)

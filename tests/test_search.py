@@ -16,7 +16,7 @@ from tactilenlp.interface.request import read_request
 from tactilenlp.search.hypothesis import same, varied
 from tactilenlp.search.least_motion import least_motion, unseen
 from tactilenlp.search.multi_hypothesis import TrackingSearch
-from tactilenlp.tracking.first_touch import body_height
+from tactilenlp.tracking.box_states import body_height
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.contact_segments import first_contact, first_onset
 from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
 from ..geometry.transforms import carried, planar_matrix
@@ -29,7 +30,7 @@ from ..search.proposals_floating import (
     with_faces_tracked,
     with_tilted_normals,
 )
-from ..tracking.first_touch import TOP_TILT, first_contact, first_onset
+from ..tracking.box_states import TOP_TILT
 from .interrupted import Incumbents
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends

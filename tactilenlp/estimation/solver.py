@@ -23,7 +23,7 @@ from ..interface.result import Estimate
 from ..refinement.certification import certified
 from ..refinement.incremental_polytope import updated
 from ..refinement.model_selection import classes_of, likeliest_class
-from ..search.proposals_surface import on_poses
+from ..search.proposals_poses import on_poses
 from ..search.solved import Solved
 from .coarse_to_fine import coarse_rows, optima_of_dense
 from .interrupted import Incumbents, interrupted, not_solved, raise_unless_good

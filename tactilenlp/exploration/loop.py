@@ -25,7 +25,6 @@ from ..interface.result import Estimate
 from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace, workspace_of
-from .first_touch import check_reach, check_world, executed, first_touch
 from .log import (
     Exploration,
     Step,
@@ -36,6 +35,7 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, next_action, shape_of_start
+from .sweep import check_reach, check_world, executed, first_touch
 
 log = logging.getLogger("tactilenlp")
 

@@ -13,9 +13,9 @@ from ..interface.options import Options
 from ..problem.pages import shape_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace
-from .first_touch import checked_centre
 from .optimisers import CrossEntropy, check_search
 from .policies import check_policy
+from .sweep import checked_centre
 
 POSITIONAL = 4  # settings that `explore` takes by position, after world and scene
 

@@ -29,7 +29,7 @@ from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
 from ..search.hypothesis import Hypothesis, Job, TermFunctions
-from ..search.proposals_surface import as_polytope
+from ..search.proposals_poses import as_polytope
 from .options import Guess, Options, Session
 from .result import Estimate
 

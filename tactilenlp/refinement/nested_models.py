@@ -34,7 +34,7 @@ from ..search.local_solve import built_page, transferred, warm_started
 from ..search.margins import DECISIVE, UNCHANGED
 from ..search.multistart import FREED_MU
 from ..search.solved import Solved, best_first
-from ..tracking.first_touch import body_height
+from ..tracking.box_states import body_height
 
 log = logging.getLogger("tactilenlp")
 

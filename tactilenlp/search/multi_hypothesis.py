@@ -21,14 +21,14 @@ from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import carried
 from ..problem.fingertips import as_spheres
-from ..tracking.first_touch import (
+from ..tracking.box_states import (
     body_height,
-    carried_away,
-    centred,
-    from_first_touch,
+    box_states,
     from_guess,
-    with_carried,
+    mid_face_guess,
 )
+from ..tracking.carried import carried_away, with_carried
+from ..tracking.surface_states import surface_states
 from ..tracking.tracking import smoothed, tracked
 from ..tracking.tracks import (
     KalmanFilter,
@@ -41,7 +41,6 @@ from ..tracking.tracks import (
 from .hypothesis import Hypothesis, Job, distinct, same, varied
 from .least_motion import ROUND, Executor, from_posterior, least_motion
 from .margins import DECISIVE
-from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
@@ -133,7 +132,7 @@ class TrackingSearch:
 
         Where `kept` are of all samples nothing is searched: they are the starts.
         """
-        if complete(self.kept, self.job):
+        if self.kept and self.kept[0].x.shape[1] == self.job.data.samples:
             return self._keep(self.kept)
         shape, count, tracks = self.job.shape, self.count, self._tracks()
         self._keep(tracks[:1])
@@ -211,26 +210,19 @@ class TrackingSearch:
         if one_touch and job.shape.faced:
             # Where one touch leaves size and place open, their middle is reported.
             data, sigma = as_spheres(job.data, job.scene), job.precision.normal
-            theta, x = centred(data, job.shape, sigma)
+            theta, x = mid_face_guess(data, job.shape, sigma)
             guess = Hypothesis(theta, x[:, None], np.inf, ("middle",))
             middle = job.with_search(guess=guess)
             tracks = [*smoothed_tracks(middle, (), 1), *tracks][: len(tracks)]
         return tracks
 
 
-def complete(kept, job: Job) -> bool:
-    """Tell whether hypotheses have the poses of all samples of a job."""
-    return bool(kept) and kept[0].x.shape[1] == job.data.samples
-
-
 def smoothed_tracks(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
     """Return the best tracks through all actions of a job, as smoothed trajectories.
 
-    Their objective is the negative log evidence.  Without new samples: `kept`.
+    Their objective is the negative log evidence.  kept: hypotheses of fewer samples.
     keep(hypotheses): is called with the best of the actions done by Ctrl-C.
     """
-    if complete(kept, job):
-        return list(kept)
     data = as_spheres(job.data, job.scene)
     ekf = filter_of(job, kept[0].seen(data) if kept else data)
     run = _tracked_actions(job, ekf, kept, keep, carried=False)
@@ -287,9 +279,9 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
         if (guess := job.search.guess) is not None:
             (name,), (z, P) = guess.path, from_guess(guess.end, ekf.geometry, rng)
         elif job.shape.faced:
-            z, P = from_first_touch(ekf.data, job.shape, rng, sigma)
+            z, P = box_states(ekf.data, job.shape, rng, sigma)
         else:
-            z, P = from_surface(ekf.data, job.shape, rng)
+            z, P = surface_states(ekf.data, job.shape, rng)
         none = np.zeros(z.shape[1], int)
         return started(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]

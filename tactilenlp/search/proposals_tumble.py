@@ -22,7 +22,7 @@ from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import carried, continuous, matrices, rotate_planar
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
-from ..tracking.first_touch import BELOW_TOP
+from ..tracking.box_states import BELOW_TOP
 from .hypothesis import Hypothesis, distinct
 from .multi_hypothesis import TrackingSearch, smoothed_tracks
 from .solved import BuiltPage
