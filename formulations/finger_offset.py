@@ -46,7 +46,7 @@ def displaced(nlp, window, scene):
 
     def known(rows, name):
         said = getattr(rows, name)
-        return said if joints is None else joints.beside(said, rows.finger)
+        return said if joints is None else joints.with_numbers(said, rows.finger)
 
     finger = elsewhere if joints is None else turned
     return replace(

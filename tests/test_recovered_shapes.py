@@ -28,7 +28,7 @@ from tactilenlp import (
 from tactilenlp.errors import OptionError, StartError
 from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
-from tactilenlp.search.hypothesis import Hypothesis, same
+from tactilenlp.search.hypothesis import Hypothesis, same_body
 from tactilenlp.search.proposals_floating import search_plane
 from tactilenlp.tracking.box_states import from_guess
 from tactilenlp.tracking.geometry import geometry_of
@@ -167,13 +167,13 @@ def test_two_hypotheses_are_one_body_whatever_its_axes_are_called(shape):
     one = Hypothesis(theta, x, 0.0, ())
     turn = {2: np.pi / 3, 3: np.pi}[shape.theta]
     again = Hypothesis(theta, np.add(x, [[0], [0], [turn]]), 0.0, ())
-    assert same(shape, one, again)
+    assert same_body(shape, one, again)
     other = Hypothesis(theta, np.add(x, [[0.002], [0], [0]]), 0.0, ())
-    assert not same(shape, one, other)
+    assert not same_body(shape, one, other)
     w = np.outer([0, 0, 1], x[2])
     height = np.full(5, float(shape.rest_height(theta)))
     free = Hypothesis(theta, np.vstack([x[:2], height, w]), 0.0, ())
-    assert same(shape, one, free)
+    assert same_body(shape, one, free)
 
 
 EDGE = 3e-3  # [m] radius of the edges of a box

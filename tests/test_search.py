@@ -13,7 +13,7 @@ from tactilenlp.estimation import optima
 from tactilenlp.estimation.initial_search import ContactFrame, initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
-from tactilenlp.search.hypothesis import same, varied
+from tactilenlp.search.hypothesis import diverse_starts, same_body
 from tactilenlp.search.least_motion import least_motion, unseen
 from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.box_states import body_height
@@ -141,7 +141,7 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
         found.append(initial_hypotheses(request, Incumbents([]))[1])
     (best, *_), (moved, *_) = found
     back = ContactFrame(np.array([0.5, -0.25, np.pi / 2])).into(moved)
-    assert same(CUBOID, best, back)  # its sides may be named otherwise
+    assert same_body(CUBOID, best, back)  # its sides may be named otherwise
     objectives = [[h.objective for h in starts] for starts in found]
     np.testing.assert_allclose(*objectives, atol=0.01)  # of solves to 1e-3
 
@@ -184,7 +184,7 @@ def test_every_second_start_is_of_another_yaw(estimate):
 
     face = [turned(1e-3 * k, 0.01 * k) for k in range(30)]
     edges = [turned(0.4 * (k % 3 + 1) + 1e-3 * k, 20.0 + 0.1 * k) for k in range(9)]
-    found = varied(CUBOID, [*face, *edges], 12)
+    found = diverse_starts(CUBOID, [*face, *edges], 12)
     turns = np.array([one.x[2, -1] - h.x[2, -1] for one in found])
     assert found[0] is face[0]
     assert (turns[1:8:2] > 0.2).sum() >= 3

@@ -30,10 +30,10 @@ from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, World, surface_distance
 from tactilenlp.geometry.convex_hull import (
-    filled,
+    fewer_vertices,
     hull_vertices,
+    more_vertices,
     nearest_triangles,
-    thinned,
 )
 
 POINTS = 1000  # of the true surface, to which a class is fitted
@@ -86,10 +86,10 @@ def played(name: str, shape: str, trial: int, actions: int) -> World:
 def best_hull(mesh, count: int = 20):
     """Return the hull of so many vertices fitted to a surface by nearest points."""
     points, _ = trimesh.sample.sample_surface_even(mesh, POINTS, seed=SEED)
-    V = filled(thinned(mesh.vertices, count), count)
+    V = more_vertices(fewer_vertices(mesh.vertices, count), count)
     found, best = convex_hull(V), np.inf
     for _ in range(ROUNDS):
-        V = filled(hull_vertices(V), count)
+        V = more_vertices(hull_vertices(V), count)
         on, corners = nearest_triangles(V, points)
         off = points - on
         share = np.zeros((len(points), count))

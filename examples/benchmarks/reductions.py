@@ -33,7 +33,7 @@ from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import Deadline
-from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.hypothesis import Hypothesis, Job, TermFunctions
@@ -79,7 +79,7 @@ class Way:
         """Return what a solve needs to know."""
         precision = precision_of(self.data, self.scene)
         return Job(
-            smoothed(self.data, precision), self.scene, self.shape, precision,
+            smooth_paths(self.data, precision), self.scene, self.shape, precision,
             Reductions.of(self.off), self.page, Options(), Deadline.within(LONGEST),
             TermFunctions(),
         )  # fmt: skip

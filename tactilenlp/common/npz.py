@@ -26,7 +26,7 @@ import numpy as np
 
 from ..errors import FileError, MeasurementError, TactileError
 from .layout import check_kinds, check_layout
-from .whole_file import opened, whole_file
+from .whole_file import open_file, whole_file
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
     *(ValueError, EOFError, OSError, RuntimeError, AttributeError, TypeError),
@@ -55,7 +55,7 @@ def read_npz(
     there is no file.
     """
     arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
-    with opened(path, error) as stream:
+    with open_file(path, error) as stream:
         try:
             check_declared(stream, error, where)
             with np.load(stream, allow_pickle=False) as archive:

@@ -150,7 +150,7 @@ def releases(record: Record) -> float:
     return of_one_rate(ndtr(2 + c / sigma)[n.any(axis=1)], LET_GO)
 
 
-def begun(record: Record) -> float:
+def begins_touched(record: Record) -> float:
     """An action begins without contact."""
     return np.log(BEGUN) * record.events.begun
 
@@ -289,7 +289,7 @@ def _kinked_cubics(back: int, ahead: int) -> tuple[np.ndarray, ...]:
 TERMS = {
     term.__name__: term
     for term in (
-        onsets, onsets_at_rest, releases, begun, planes, passages, overlaps, jumps,
-        heights, radii, kinks,
+        onsets, onsets_at_rest, releases, begins_touched, planes, passages, overlaps,
+        jumps, heights, radii, kinks,
     )
 }  # fmt: skip

@@ -156,7 +156,7 @@ class Scene:
     def joints(self) -> JointZeros | None:
         """The joints whose zero angles are wrong, in the ground's frame; or None."""
         known = isinstance(self.sigma_offset, JointZeros)
-        return self.sigma_offset.seen_from(self.ground) if known else None
+        return self.sigma_offset.in_frame_of(self.ground) if known else None
 
     @property
     def typical_offset(self) -> float:

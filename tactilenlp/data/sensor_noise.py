@@ -120,7 +120,7 @@ def _rounding_of_normals(data: Measurements) -> float:
     return np.median(moved) / np.sqrt(12) * np.sqrt(len(jumps) / len(moved))
 
 
-def smoothed(data: Measurements, precision: Precision) -> Measurements:
+def smooth_paths(data: Measurements, precision: Precision) -> Measurements:
     """Return the data with noisy finger paths smoothed by local parabolas.
 
     White noise of 1 mm is 0.04 m/s at 30 Hz, more than the velocities of slip.  Precise
@@ -199,27 +199,27 @@ def with_fingers_earlier(data: Measurements, lag: float) -> Measurements:
     """Return the data with every finger where it was a lag [s] before each sample."""
     if lag == 0:
         return data
-    moved = {"finger_position": in_time(data, data.finger_position, -lag)}
+    moved = {"finger_position": shift_in_time(data, data.finger_position, -lag)}
     if (wxyz := data.finger_orientation) is not None:
-        each = [turned_in_time(data, wxyz[:, f], -lag) for f in range(data.fingers)]
+        each = [shift_rotations(data, wxyz[:, f], -lag) for f in range(data.fingers)]
         moved["finger_orientation"] = np.stack(each, axis=1)
     return replace(data, **moved)
 
 
-def turned_in_time(data: Measurements, wxyz, by: float) -> np.ndarray:
-    """Return unit quaternions wxyz (T, 4) of the samples, as `in_time` does values."""
+def shift_rotations(data: Measurements, wxyz, by: float) -> np.ndarray:
+    """Return unit quaternions wxyz (T, 4) at other times, as of `shift_in_time`."""
     if by == 0:
         return wxyz
     # lazily: import stays light
     from scipy.spatial.transform import Rotation
 
-    from ..geometry.transforms import continuous, quaternion_of, rotation_of
+    from ..geometry.transforms import quaternion_of, rotation_of, rotvecs
 
-    turns = in_time(data, continuous(rotation_of(wxyz).as_matrix()), by)
+    turns = shift_in_time(data, rotvecs(rotation_of(wxyz).as_matrix()), by)
     return quaternion_of(Rotation.from_rotvec(turns))
 
 
-def in_time(
+def shift_in_time(
     data: Measurements, values: np.ndarray, by: float, beyond: bool = True
 ) -> np.ndarray:
     """Return values (T, ...) of the samples as they are at other times, later by [s].

@@ -13,7 +13,7 @@ import numpy as np
 from ..data.contact_segments import first_contact, first_onset
 from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
-from ..geometry.transforms import carried, planar_matrix
+from ..geometry.transforms import move_poses, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
 from ..nlp.term_functions import default_cache
@@ -128,7 +128,7 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
     """Return a hypothesis moved by the planar motion that maps `old` to `new`."""
     R = planar_matrix(new[2] - old[2])
     offset = None if h.offset is None else R @ h.offset
-    return replace(h, x=carried(h.x, old, new), offset=offset)
+    return replace(h, x=move_poses(h.x, old, new), offset=offset)
 
 
 def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingSearch:

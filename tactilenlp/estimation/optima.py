@@ -37,7 +37,7 @@ from ..refinement.refinement import (
     refined,
     update_costs_too_much,
 )
-from ..search.hypothesis import Hypothesis, Job, distinct, same
+from ..search.hypothesis import Hypothesis, Job, distinct, same_body
 from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
@@ -205,7 +205,7 @@ def _differs(optimum: Solved, solved) -> bool:
 
     Paths to the same end may be far apart on the way.
     """
-    alike = (same(optimum.job.shape, optimum.at, s.at) for s in solved)
+    alike = (same_body(optimum.job.shape, optimum.at, s.at) for s in solved)
     return optimum.rank < min(s.rank for s in solved) or not any(alike)
 
 

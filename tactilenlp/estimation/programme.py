@@ -6,7 +6,7 @@ import numpy as np
 
 from ..common.deadline import NEVER
 from ..data.ground import frame_of
-from ..data.sensor_noise import smoothed
+from ..data.sensor_noise import smooth_paths
 from ..errors import OptionError
 from ..interface.options import Options
 from ..interface.result import solution_of
@@ -47,10 +47,10 @@ def programme_at(estimate, shape=None, formulation=None) -> Solved:
     precision, frame = estimate.sensors, frame_of(scene.ground)
     data = estimate.measurements.transformed(frame.rotation, frame.translation)
     job = Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=Reductions(**estimate.reductions), cuts=estimate.cuts,
-        page=page, options=Options(),
-        deadline=NEVER, functions=TermFunctions(),
+        data=smooth_paths(data, precision), scene=scene, shape=shape,
+        precision=precision, reductions=Reductions(**estimate.reductions), page=page,
+        options=Options(), deadline=NEVER, functions=TermFunctions(),
+        cuts=estimate.cuts,
     ).as_late_as(precision)  # fmt: skip
     built = built_page(job, estimate.origin)
     _check_same_unknowns(built.problem, estimate)

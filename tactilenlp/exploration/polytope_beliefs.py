@@ -29,7 +29,7 @@ from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
-from ..geometry.convex_hull import hull_vertices, nearest
+from ..geometry.convex_hull import hull_vertices, nearest_points
 from ..geometry.transforms import rotation_of
 from ..information.polytope_information import FACE_TILT
 from ..problem.polytope_window import LIFTED
@@ -133,7 +133,7 @@ def contact_points(estimate, vertices, points):
     """Return contact points [m] and normals, (n, 3) each, about the centroid."""
     data = estimate.measurements
     centre = points[data.contact]
-    point = nearest(hull_vertices(vertices), centre)
+    point = nearest_points(hull_vertices(vertices), centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     return point, n

@@ -84,7 +84,7 @@ def hull_vertices(points) -> np.ndarray:
     return points[ConvexHull(points).vertices]
 
 
-def merged(points) -> np.ndarray:
+def merge_points(points) -> np.ndarray:
     """Return the points (n, 3) with clusters within MERGE_DISTANCE averaged."""
     points, out = list(points), []
     while points:
@@ -94,7 +94,7 @@ def merged(points) -> np.ndarray:
     return np.array(out)
 
 
-def thinned(points, count: int) -> np.ndarray:
+def fewer_vertices(points, count: int) -> np.ndarray:
     """Return at most `count` of the vertices, removing those that add least volume.
 
     Greedy: after a removal only the losses of its neighbours are computed again.  Of
@@ -127,7 +127,7 @@ def volume(points) -> float:
         return 0.0
 
 
-def filled(points, count: int) -> np.ndarray:
+def more_vertices(points, count: int) -> np.ndarray:
     """Return exactly `count` vertices, adding the midpoint of the longest edge.
 
     A midpoint does not change the hull, so that it may be added more than once; an
@@ -188,7 +188,7 @@ def fingers_in_body(samples, x) -> np.ndarray:
     return points_in_body(x, samples.sample, samples.p_wf)
 
 
-def nearest(vertices, points) -> np.ndarray:
+def nearest_points(vertices, points) -> np.ndarray:
     """Return the points (n, 3) [m] of a hull closest to given points (n, 3) outside."""
     return nearest_triangles(vertices, points)[0]
 
@@ -215,7 +215,7 @@ def nearest_in_hull(points, centre) -> np.ndarray:
     if len(points) < 4 or spread[-1] < 1e-4:
         apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
         return points[np.argmin(apart, axis=1)]
-    return nearest(hull_vertices(points), centre)
+    return nearest_points(hull_vertices(points), centre)
 
 
 def with_counts(corners, counts) -> list[np.ndarray]:
@@ -227,8 +227,8 @@ def with_counts(corners, counts) -> list[np.ndarray]:
     enough = min((count for count in counts if count >= len(corners)), default=np.inf)
     hulls = []
     for count in (count for count in counts if count <= enough):
-        corners = thinned(corners, count)
-        hulls.append(filled(corners, count))
+        corners = fewer_vertices(corners, count)
+        hulls.append(more_vertices(corners, count))
     return hulls
 
 
@@ -263,7 +263,7 @@ def _lost(rest, whole: float, centres, apart) -> float:
     share = 1 - left / whole
     if not len(centres):
         return share
-    farther = np.linalg.norm(centres - nearest(rest, centres), axis=1) - apart
+    farther = np.linalg.norm(centres - nearest_points(rest, centres), axis=1) - apart
     return share + np.minimum((farther / CORNER) ** 2 / 2, MOST_OF_TOUCH).sum()
 
 

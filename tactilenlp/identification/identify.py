@@ -25,7 +25,7 @@ from ..solvers.solution import evaluated, not_converged, unfinished
 from ..solvers.solve import solve_levels
 from .body import UNOBSERVED_VERTEX, Body, BodyFit, corner_shift, fit_of
 from .impacts import impacts, may_touch, with_soft_ground
-from .starts import nothing_lands, prepared
+from .starts import nothing_lands, starts_of
 
 log = logging.getLogger("tactilenlp")
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
@@ -71,7 +71,9 @@ def identify_body(
     began, deadline = time.process_time(), Deadline.within(time_limit)
     solves = deadline.until(deadline.before_end(READOUT_SHARE * time_limit))
     with deadline.spending(STARTS):
-        steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
+        steps, starts, signs, ruler = starts_of(
+            trajectories, scene, shape, guess, gauge
+        )
     options = replace(options, deadline=solves.until(options.deadline.at))
     found = _best(steps, starts, signs, trajectories.dt, scene, options)
     if throw and not found[2].success:
@@ -206,7 +208,7 @@ def _read_off(
 ) -> Body:  # fmt: skip
     """Return the body of a solved problem, with the deviations of its numbers.
 
-    steps, signs, ruler: as of `prepared`; problem, window, solution, chosen: as of
+    steps, signs, ruler: as of `starts_of`; problem, window, solution, chosen: as of
     `_best`; deadline: of the covariance.
     """
     left = len(chosen) - len(window.step), int(steps.resting.sum())

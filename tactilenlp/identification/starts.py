@@ -38,7 +38,7 @@ REST_DEPTH = 0.2e-3  # [m] that a ground yields below a body at rest
 LEAST_HALF = 1e-3  # [m]
 
 
-def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
+def starts_of(trajectories, scene, shape, guess, gauge) -> tuple:
     """Return steps in the ground's frame, starts, signs, and the gauge with sigma.
 
     starts: theta (3, columns) [m] of each; signs (3, V).
@@ -64,7 +64,7 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
         if shape == "corners":
             starts, signs = [starts[0] * CUBE_SIGNS], CUBE_SIGNS**2
     else:
-        theta, signs = _given(guess, shape)
+        theta, signs = _guess_of(guess, shape)
         starts = [theta]
     ruler = _gauge(gauge, steps, (starts[0] * signs).T, fall)
     steps = read(trajectories.quaternion, ruler[0])
@@ -82,7 +82,7 @@ def nothing_lands(steps: TossSteps) -> MotionError:
     )  # fmt: skip
 
 
-def _given(guess, shape) -> tuple:
+def _guess_of(guess, shape) -> tuple:
     """Return theta (3, columns) [m] and signs (3, V) of a user's guess."""
     cuboid, given = shape == "cuboid", as_floats(guess)
     fits = (
@@ -194,8 +194,8 @@ def support_of(steps: TossSteps, gravity: float, dt: float) -> Support | None:
     cube = np.full(3, max(height[touching].min(), LEAST_HALF))
     rows = _rows_of(steps, extent, height, gravity, dt)
     alike = (np.eye(3), cube, [PULL] * 3), (-np.eye(3), -cube, [PULL] * 3)
-    like_cube = _solved(*map(np.concatenate, zip(rows, *alike, strict=True)), 0.0)
-    return Support(like_cube, _solved(*rows, PULL), _solved(*rows, -PULL))
+    like_cube = _half_widths(*map(np.concatenate, zip(rows, *alike, strict=True)), 0.0)
+    return Support(like_cube, _half_widths(*rows, PULL), _half_widths(*rows, -PULL))
 
 
 def tilt_at_rest(steps: TossSteps, gravity: float, dt: float) -> float:
@@ -229,7 +229,7 @@ def _rows_of(steps, extent, height, gravity, dt) -> tuple:
     return A, b, np.concatenate([np.full(len(part[1]), part[2]) for part in parts])
 
 
-def _solved(A, b, weight, pull: float) -> np.ndarray:
+def _half_widths(A, b, weight, pull: float) -> np.ndarray:
     """Return half widths (3,) of least violation, pulled to small or large ones."""
     from scipy.optimize import linprog
     from scipy.sparse import hstack, identity

@@ -15,7 +15,7 @@ from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
 from ..data.mistakes import suspected
-from ..data.sensor_noise import in_time, with_fingers_earlier
+from ..data.sensor_noise import shift_in_time, with_fingers_earlier
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
 from ..geometry.transforms import is_planar, matrices, quaternion_of, rotate_planar
@@ -164,7 +164,7 @@ def moved_on(job, x) -> np.ndarray:
 
     What late sensors tell of a sample was so before it, by their latency.
     """
-    return in_time(job.data, x.T, job.precision.latency).T
+    return shift_in_time(job.data, x.T, job.precision.latency).T
 
 
 def information_in_time(job, solved, faces, modes=()) -> Information:
@@ -227,7 +227,9 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         out["ground"] = by_sample(whole, window.step.sample, T)
         out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
     by = solved.job.precision.latency
-    return {name: in_time(data, one, by, beyond=False) for name, one in out.items()}
+    return {
+        name: shift_in_time(data, one, by, beyond=False) for name, one in out.items()
+    }
 
 
 def _plain(options) -> dict:

@@ -20,7 +20,7 @@ from ..data.scene import Scene
 from ..data.sensor_noise import (
     precise,
     precision_of,
-    smoothed,
+    smooth_paths,
     with_fingers_earlier,
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
@@ -136,9 +136,9 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     if scene.ground is None or shape.rolls:  # nothing keeps the object flat
         made = replace(made, planar=False)
     job = Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=required_reductions(page, made), page=page, options=options,
-        deadline=Deadline.within(options.time_limit, began),
+        data=smooth_paths(data, precision), scene=scene, shape=shape,
+        precision=precision, reductions=required_reductions(page, made), page=page,
+        options=options, deadline=Deadline.within(options.time_limit, began),
         functions=TermFunctions() if functions is None else functions,
     )  # fmt: skip
     return job.as_late_as(precision)

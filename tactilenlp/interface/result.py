@@ -23,8 +23,8 @@ from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
 from ..data.sensor_noise import (
     Precision,
-    in_time,
-    turned_in_time,
+    shift_in_time,
+    shift_rotations,
     with_fingers_earlier,
 )
 from ..errors import TactileError
@@ -162,7 +162,7 @@ class Estimate:
         if self.finger_offset is None:
             return said
         if isinstance(joints, JointZeros):
-            return said + joints.off(said, self.finger_offset)
+            return said + joints.displacement(said, self.finger_offset)
         return said + self.finger_offset
 
     def contacts(self) -> tuple[np.ndarray, np.ndarray]:
@@ -175,8 +175,8 @@ class Estimate:
         spheres = as_spheres(with_fingers_earlier(seen, late), self.scene)
         n_w = np.where(data.contact[..., None], data.normal, np.nan)
         p_w = spheres.finger_position - data.finger_radius[:, None] * n_w
-        R_wo = rotation_of(turned_in_time(data, self.quaternion, -late)).as_matrix()
-        arms = p_w - in_time(data, self.position, -late)[:, None]
+        R_wo = rotation_of(shift_rotations(data, self.quaternion, -late)).as_matrix()
+        arms = p_w - shift_in_time(data, self.position, -late)[:, None]
         return arms @ R_wo, n_w @ R_wo
 
     @property

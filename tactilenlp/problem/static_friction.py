@@ -21,7 +21,7 @@ from formulations.rigid_body import ARM, LEAST_ARM
 from formulations.violation_implicit import WORK_COST
 
 from ..data.scene import low_friction
-from ..geometry.transforms import is_planar, turning
+from ..geometry.transforms import is_planar, left_jacobians
 
 MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
@@ -104,7 +104,7 @@ def _along(x) -> np.ndarray:
     if is_planar(x):
         out[:, 2, 2] = 1.0
     else:
-        out[:, 2, 3:] = np.linalg.inv(turning(x))[:, :, 2]
+        out[:, 2, 3:] = np.linalg.inv(left_jacobians(x))[:, :, 2]
     return out
 
 

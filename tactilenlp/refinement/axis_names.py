@@ -15,7 +15,7 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import GROUND
 
-from ..geometry.transforms import continuous, is_planar, matrices
+from ..geometry.transforms import is_planar, matrices, rotvecs
 from ..problem.pages import FORMULATIONS, name_of
 from ..search.hypothesis import Hypothesis, rotation_at
 from ..search.local_solve import built_page, in_motion_of, warm_started
@@ -64,7 +64,7 @@ def turned(x, S) -> np.ndarray:
     """Return the poses, planar or free, of a body frame whose axes are S (3, 3)."""
     if is_planar(x):
         return x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
-    return np.vstack([x[:3], continuous(matrices(x) @ S).T])
+    return np.vstack([x[:3], rotvecs(matrices(x) @ S).T])
 
 
 def with_named_axes(solved, like) -> Solved:

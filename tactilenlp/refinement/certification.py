@@ -16,7 +16,7 @@ from ..problem.reductions import states_planar_motion
 from ..search.local_solve import solved_from, warm_started
 from ..search.margins import RESTORED
 from ..search.multistart import ranking
-from ..search.proposals_tumble import recovered
+from ..search.proposals_tumble import tumbling_motions
 from ..search.solved import Solved
 from .newton_steps import with_ground_tilt
 from .profile_likelihood import PROFILE_MU, profiled
@@ -98,7 +98,9 @@ def certified(solved) -> Solved:
 def _tumbled(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
-    motions = recovered(job, evidence, *job.options.widths(precise=False), executor)
+    motions = tumbling_motions(
+        job, evidence, *job.options.widths(precise=False), executor
+    )
     free = job.with_reductions(planar=False)
     levels = [ranking(level) for level in job.contract.from_guesses]
     solved = [solved_from(free, h, levels=levels) for h in motions[:MAX_TUMBLE_SOLVES]]

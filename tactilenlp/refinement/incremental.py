@@ -16,8 +16,8 @@ from ..interface.result import Estimate, solution_of
 from ..problem.pages import name_of
 from ..problem.reductions import Reductions
 from ..problem.unreduced import LEFT_OUT
-from ..search.hypothesis import Hypothesis, Job, same
-from ..search.local_solve import built_page, solved_from, transferred
+from ..search.hypothesis import Hypothesis, Job, same_body
+from ..search.local_solve import built_page, solved_from, warm_start
 from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
 from ..search.solved import BuiltPage, Solved, Solves, best_first
 from ..solvers.solution import Solution
@@ -70,7 +70,7 @@ def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
     """
     missing = np.full(len(built.window.pose) - len(past.window.pose), -1)
     window = replace(past.window, pose=np.r_[past.window.pose, missing])
-    return transferred(past.with_window(window), built)
+    return warm_start(past.with_window(window), built)
 
 
 def updated_by_few(
@@ -105,7 +105,7 @@ def updated_by_few(
     other = solve(second())
     alike = other.solution.success and best.solution.success
     alike = alike and abs(other.cost - best.cost) < UNCHANGED
-    return alike and same(job.shape, other.at, best.at)
+    return alike and same_body(job.shape, other.at, best.at)
 
 
 def still_explained(best, start) -> bool:

@@ -27,7 +27,7 @@ from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import corners_of, rows_of, samples_of
 from ..problem.window import Corners
 from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import continued, warm_started
+from ..search.local_solve import solve_further, warm_started
 from ..search.plane_slam import poses_of_new_action
 from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
 from ..search.solved import (
@@ -73,7 +73,7 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
         return cheap and solved.solution.success and not implausible(solved)
 
     if not good(solved):
-        solved = _better(solved, continued(job, solved))
+        solved = _better(solved, solve_further(job, solved))
     if good(solved):
         solved = certified(solved)
         before = {s.name for s in start.skipped if not s.holds}
@@ -97,7 +97,7 @@ def repaired(solves, update=None) -> list[Solved]:
     best, *others = solves
     if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _better(best, continued(best.job, best))
+        best = _better(best, solve_further(best.job, best))
     solves = [best, *others]
     return solves if update is None else best_first([*solves, update])
 
@@ -186,7 +186,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         }  # fmt: skip
         built = BuiltPage(problem, window, h)
         start |= built.values_at(h)
-        solved = built.solved(job, levels, start, h, solution, settings)
+        solved = built.solve(job, levels, start, h, solution, settings)
         solution, h = solved.solution, solved.at
     return replace(solved, hypothesis=h)
 

@@ -30,7 +30,7 @@ from ..information.mixture import occam_of
 from ..information.sensitivity import kkt_residual
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
-from ..search.local_solve import built_page, transferred, warm_started
+from ..search.local_solve import built_page, warm_start, warm_started
 from ..search.margins import DECISIVE, UNCHANGED
 from ..search.multistart import FREED_MU
 from ..search.solved import Solved, best_first
@@ -179,7 +179,7 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     that are far off are outliers, which cost the same wherever they are.
     """
     built = built_page(job, solved.hypothesis)
-    problem, values = built.problem, transferred(solved, built).values
+    problem, values = built.problem, warm_start(solved, built).values
     x, variable = problem.pack(values), problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
@@ -205,7 +205,7 @@ def score(job, solved: Solved, unknown: str) -> float:
     indefinite, such a step may raise it: none is gained.
     """
     built = built_page(job, solved.hypothesis)
-    problem, begun = built.problem, transferred(solved, built)
+    problem, begun = built.problem, warm_start(solved, built)
     kkt = kkt_system_of(problem, begun)
     slope = kkt_residual(problem, kkt)[0][problem.variables[unknown].span]
     return max(0.0, float(slope @ kkt.marginal(unknown) @ slope / 2))

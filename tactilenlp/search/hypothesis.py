@@ -80,7 +80,7 @@ class Hypothesis:
         """Theta and the last pose (n + 3,), (n + 6,) in free motion."""
         return np.r_[self.theta, self.x[:, -1]]
 
-    def seen(self, data):
+    def with_offset(self, data):
         """Return the measurements with the fingers where this hypothesis has them."""
         if self.offset is None:
             return data
@@ -213,28 +213,28 @@ def distinct(
     for h in sorted(hypotheses, key=lambda h: h.rank):
         if kept and h.objective > kept[0].objective + hopeless:
             break
-        if len(kept) < count and not any(same(shape, h, k, samples) for k in kept):
+        if len(kept) < count and not any(same_body(shape, h, k, samples) for k in kept):
             kept.append(h)
     return kept
 
 
-def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
+def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return good hypotheses far from each other, every second one of another yaw.
 
     Places along a touched face alone would take all starts, and leave its edges none.
     """
-    far = distant(shape, hypotheses, count - count // 2)
+    far = far_apart(shape, hypotheses, count - count // 2)
     rest = [h for h in hypotheses if all(h is not other for other in far)]
     rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
     order = [*far, *sorted(rest, key=lambda h: h.objective)]
     yaw = np.array([h.x[2, -1] for h in order])
-    chosen = diverse(_folded(shape, yaw), count).tolist()
+    chosen = diverse(_modulo_turns(shape, yaw), count).tolist()
     half = len(chosen) - len(chosen) // 2
     pairs = zip_longest(chosen[:half], chosen[half:])
     return [order[i] for pair in pairs for i in pair if i is not None]
 
 
-def _folded(shape, yaw):
+def _modulo_turns(shape, yaw):
     """Return yaws [rad] within the turns about the vertical that leave a body the same.
 
     The circular mean is in the middle, so that nearly equal yaws stay together.
@@ -244,7 +244,7 @@ def _folded(shape, yaw):
     return (yaw - middle + np.pi / turns) % (2 * np.pi / turns)
 
 
-def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
+def far_apart(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypothesis, then good ones whose trajectories are far."""
     outlines = np.array([trajectory_outline(shape, h, EVERY) for h in hypotheses])
     cost = np.array([h.objective for h in hypotheses])
@@ -261,7 +261,7 @@ def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     return [hypotheses[i] for i in chosen]
 
 
-def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
+def same_body(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
     pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
     return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)

@@ -21,7 +21,7 @@ from formulations import quasi_static
 from ..common.threads import on_one_thread
 from ..solvers.options import SolverOptions
 from ..tracking.geometry import geometry_of
-from .hypothesis import Hypothesis, Job, same
+from .hypothesis import Hypothesis, Job, same_body
 from .local_solve import built_page
 from .margins import LEAST_MOTION_BEHIND
 from .solved import LEVEL_TIME
@@ -64,7 +64,7 @@ def least_motion(
             cache[track] = next(new)
         h = cache[track]
         ends.append(h)
-        if not any(same(job.shape, h, other) for other in optima):
+        if not any(same_body(job.shape, h, other) for other in optima):
             optima.append(h)
         limit = min(h.objective for h in ends) + LEAST_MOTION_BEHIND
         starts, seen = (sum(h.objective <= limit for h in k) for k in (ends, optima))
@@ -121,7 +121,7 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
         left = min(LEVEL_TIME, max(0.05, job.deadline.left))
         options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
         start = built.values_at(h)
-        solved = built.solved(job, (level,), start, h, settings=options)
+        solved = built.solve(job, (level,), start, h, settings=options)
         yield replace(solved.at, iterations=solved.solution.iterations)
 
 

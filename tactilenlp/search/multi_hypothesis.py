@@ -19,7 +19,7 @@ import numpy as np
 from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
-from ..geometry.transforms import carried
+from ..geometry.transforms import move_poses
 from ..problem.fingertips import as_spheres
 from ..tracking.box_states import (
     body_height,
@@ -29,16 +29,16 @@ from ..tracking.box_states import (
 )
 from ..tracking.carried import carried_away, with_carried
 from ..tracking.surface_states import surface_states
-from ..tracking.tracking import smoothed, tracked
+from ..tracking.tracking import smoothed_states, tracks_after
 from ..tracking.tracks import (
     KalmanFilter,
     SmootherStep,
     Tracks,
     filter_of,
+    new_tracks,
     parts_of,
-    started,
 )
-from .hypothesis import Hypothesis, Job, distinct, same, varied
+from .hypothesis import Hypothesis, Job, distinct, diverse_starts, same_body
 from .least_motion import ROUND, Executor, from_posterior, least_motion
 from .margins import DECISIVE
 
@@ -69,7 +69,7 @@ class _Past:
         """How many samples are known."""
         return self.kept[0].x.shape[1] if self.kept else 0
 
-    def continued(self, of: int, begin, end, tail, objective) -> Hypothesis:
+    def with_track(self, of: int, begin, end, tail, objective) -> Hypothesis:
         """Return hypothesis `of`, changed to end at `begin`, with the poses `tail`."""
         theta = end[:-3]
         if not self.kept:
@@ -79,7 +79,7 @@ class _Past:
         h = self.kept[of]
         change, path = begin - h.end, (*h.path, self.name)
         if abs(change[-1]) > TURNED_AS_A_WHOLE:
-            past = carried(h.x, h.x[:, -1], begin[-3:])
+            past = move_poses(h.x, h.x[:, -1], begin[-3:])
         else:
             past = h.x + (self.along[of] @ change).T
         x = np.hstack([past, tail])
@@ -97,14 +97,14 @@ class _Run:
     tracks: Tracks
     steps: tuple[SmootherStep, ...]
 
-    def smoothed(self, samples: int, count: int) -> list[Hypothesis]:
+    def trajectories(self, samples: int, count: int) -> list[Hypothesis]:
         """Return the best tracks as trajectories of so many samples, best first."""
         past, tracks = self.past, self.tracks
         rows = np.argsort(-tracks.evidence, kind="stable")[:count]
-        states, first = smoothed(self.steps, samples, rows)
+        states, first = smoothed_states(self.steps, samples, rows)
         done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]
         return [
-            past.continued(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
+            past.with_track(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
             for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
         ]
 
@@ -137,8 +137,8 @@ class TrackingSearch:
         shape, count, tracks = self.job.shape, self.count, self._tracks()
         self._keep(tracks[:1])
         optima, starts = self._of_least_motion(tracks), []
-        for h in varied(shape, optima, count - max(1, count // TRACK_SHARE)):
-            if not any(same(shape, h, other) for other in starts):
+        for h in diverse_starts(shape, optima, count - max(1, count // TRACK_SHARE)):
+            if not any(same_body(shape, h, other) for other in starts):
                 starts.append(h)
         pairs = zip(tracks, optima, strict=False)  # the last tracks need not be solved
         alone = [replace(h, objective=rest.objective) for h, rest in pairs]
@@ -197,7 +197,7 @@ class TrackingSearch:
 
     def _varied(self, tracks) -> list[Hypothesis]:
         """Return tracks that are far from each other."""
-        return varied(self.job.shape, tracks, TRACKS_PER_START * self.count)
+        return diverse_starts(self.job.shape, tracks, TRACKS_PER_START * self.count)
 
     def _tracks(self) -> list[Hypothesis]:
         """Return tracks far from each other, by every search that the data ask for."""
@@ -224,12 +224,12 @@ def smoothed_tracks(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
     keep(hypotheses): is called with the best of the actions done by Ctrl-C.
     """
     data = as_spheres(job.data, job.scene)
-    ekf = filter_of(job, kept[0].seen(data) if kept else data)
+    ekf = filter_of(job, kept[0].with_offset(data) if kept else data)
     run = _tracked_actions(job, ekf, kept, keep, carried=False)
     if run is None:
         log.info("the body was carried between two actions: all are tracked again")
         run = _tracked_actions(job, ekf, kept, keep, carried=True)
-    return run.smoothed(job.data.samples, count)
+    return run.trajectories(job.data.samples, count)
 
 
 def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
@@ -256,7 +256,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
             if after_gap and carried:
                 *begun, parents = with_carried(ekf, run.tracks, action, rng)
                 last = last.selected(parents)
-            tracks, more = tracked(ekf, run.tracks, rows, rng, begun)
+            tracks, more = tracks_after(ekf, run.tracks, rows, rng, begun)
             sought = after_gap and job.search.may_be_carried and not carried
             if sought and carried_away(ekf, run.tracks, tracks, rows):
                 return None
@@ -266,7 +266,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
             log.info(words, i + 1, len(actions), tracks.z.shape[1], best)
     except KeyboardInterrupt:
         if keep is not None and run.samples > done:
-            keep(run.smoothed(run.samples, 1))
+            keep(run.trajectories(run.samples, 1))
         raise
     return run
 
@@ -283,14 +283,14 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
         else:
             z, P = surface_states(ekf.data, job.shape, rng)
         none = np.zeros(z.shape[1], int)
-        return started(z, P, fingers, rng), _Past((), (), none, name)
+        return new_tracks(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]
     earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
     if job.shape.faced:
         z[2] = [body_height(ekf.data, job.shape, h, sigma) for h in z[2]]
-    tracks = started(z, np.stack(P, axis=2), fingers, rng)
+    tracks = new_tracks(z, np.stack(P, axis=2), fingers, rng)
     cost = np.array([h.objective for h in kept])
     if np.isfinite(cost).all():  # proposals that nothing was solved for have none
         tracks = replace(tracks, evidence=cost.min() - cost)

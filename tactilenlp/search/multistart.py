@@ -16,12 +16,12 @@ from formulations.indentation import NAME as COMPLIANCE
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from .hypothesis import same
+from .hypothesis import same_body
 from .local_solve import (
     RANKING_TOLERANCE,
     built_page,
-    grouped,
     in_motion_of,
+    level_groups,
     solved_from,
 )
 from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
@@ -98,7 +98,7 @@ def _multistart(job, hypotheses, levels, earlier, solves) -> None:
     """Add solves before the last level as provisional ones, and those after it."""
     provisional = solves.provisional()
     built = None  # each stage ends with a level that holds no poses
-    stages = grouped(levels[:-1], lambda before, _: "x" not in before.fixed)
+    stages = level_groups(levels[:-1], lambda before, _: "x" not in before.fixed)
     stage_ends = [[] for _ in stages]
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     separate = separate or not job.reductions.planar
@@ -122,7 +122,7 @@ def _multistart(job, hypotheses, levels, earlier, solves) -> None:
         known = [*earlier, *solves.ended]
         if known and job.deadline.passed("all hypotheses"):
             break
-        if any(same(job.shape, s.at, end) for end in earlier_ends):
+        if any(same_body(job.shape, s.at, end) for end in earlier_ends):
             continue
         good = [k.solution.objective for k in known if k.solution.success]
         margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
@@ -166,7 +166,7 @@ def _solved_stages(job, h, built, stages, stage_ends):
         if not solved.solution.success:
             continue
         for start, end in ends:
-            if same(job.shape, solved.at, end):
+            if same_body(job.shape, solved.at, end):
                 return solved, start
         ends.append((h, solved.at))
     return solved, None

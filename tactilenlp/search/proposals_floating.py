@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..data.scene import Ground
 from ..geometry.tipping import planar_to_free
-from ..geometry.transforms import backward, continuous, matrices
+from ..geometry.transforms import matrices, rotvecs, rotvecs_back
 from .hypothesis import TermFunctions
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
@@ -74,16 +74,16 @@ def in_free_motion(h, ground: Ground, shape):
     R = ground.rotation.T @ matrices(x)
     if shape.last_pose_held:
         theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
-        return replace(h, theta=theta, x=np.vstack([p.T, backward(R @ R[-1].T).T]))
+        return replace(h, theta=theta, x=np.vstack([p.T, rotvecs_back(R @ R[-1].T).T]))
     offset = None if h.offset is None else ground.rotation.T @ h.offset
-    return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)
+    return replace(h, x=np.vstack([p.T, rotvecs(R).T]), offset=offset)
 
 
 def in_plane(h, ground: Ground):
     """Return the free motion of a polytope as planar poses along the plane."""
     p = ground.to_ground(h.x[:3].T)
     vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
-    yaw = backward(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
+    yaw = rotvecs_back(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
     return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))
 
 
@@ -117,4 +117,4 @@ def with_faces_tracked(h, data):
                 faces.pop(f, None)
             elif f not in faces:
                 faces[f] = turned[t].T @ n[t, f], n[t, f] @ (c[t, f] - moved[t])
-    return replace(h, x=np.vstack([moved.T, backward(turned).T]))
+    return replace(h, x=np.vstack([moved.T, rotvecs_back(turned).T]))

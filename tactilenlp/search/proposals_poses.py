@@ -11,12 +11,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..data.contact_segments import lasting_contacts
-from ..data.sensor_noise import in_time, turned_in_time
+from ..data.sensor_noise import shift_in_time, shift_rotations
 from ..geometry.transforms import (
-    backward,
     directions_in_body,
     points_in_body,
     rotate_planar,
+    rotvecs_back,
 )
 from ..problem.poses import rotations_on_ground, upright_poses
 from ..tracking.geometry import upright_surface
@@ -37,7 +37,7 @@ def on_poses(job, estimate) -> Hypothesis | None:
     """
     shape, data = job.shape, job.data
     x = upright_poses(job.scene.ground, estimate.position, estimate.quaternion)
-    x = in_time(data, x.T, -job.precision.latency).T
+    x = shift_in_time(data, x.T, -job.precision.latency).T
     t, f = np.nonzero(lasting_contacts(data))
     if not len(t):
         return None
@@ -60,12 +60,12 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     body's axes are the world's at the last of so many samples.
     """
     data, by = estimate.measurements, -estimate.latency
-    position = in_time(data, estimate.position, by)[:samples]
-    quaternion = turned_in_time(data, estimate.quaternion, by)[:samples]
+    position = shift_in_time(data, estimate.position, by)[:samples]
+    quaternion = shift_rotations(data, estimate.quaternion, by)[:samples]
     R = rotations_on_ground(scene.ground, quaternion)
     vertices = R[-1].apply(estimate.vertices)
     if scene.ground is None:
-        x = np.vstack([position.T, backward((R * R[-1].inv()).as_matrix()).T])
+        x = np.vstack([position.T, rotvecs_back((R * R[-1].inv()).as_matrix()).T])
     else:
         vertices[:, 2] -= vertices[:, 2].min()
         x = upright_poses(scene.ground, position, quaternion)

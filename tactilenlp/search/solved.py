@@ -68,7 +68,7 @@ class BuiltPage:
             values[OFFSET] = h.offset
         return values
 
-    def solved(
+    def solve(
         self, job, levels, start, hypothesis=None, before=None, settings=None
     ) -> Solved:
         """Return the page solved along some levels, from values or from a Solution.

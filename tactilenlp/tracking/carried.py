@@ -18,7 +18,7 @@ from formulations.between_actions import CAUCHY, GAP
 
 from ..data.contact_segments import first_contact
 from .box_states import START_SIGMA, places_of
-from .tracking import between_actions, tracked
+from .tracking import between_actions, tracks_after
 from .tracks import KalmanFilter, Tracks
 
 REACH = 0.05  # [m] a body that is carried is about so far from where it was
@@ -36,7 +36,7 @@ def carried_away(ekf: KalmanFilter, before: Tracks, after: Tracks, samples) -> b
         return False
     rng = np.random.default_rng(0)
     *begun, _ = with_carried(ekf, before, ekf.data.action[samples[0]], rng)
-    either, _ = tracked(ekf, before, samples, rng, begun)
+    either, _ = tracks_after(ekf, before, samples, rng, begun)
     return either.evidence.max() > after.evidence.max() + CARRIED
 
 

@@ -13,9 +13,9 @@ from functools import cache
 import casadi as ca
 
 from .geometry import upright_surface
-from .mapped import MappedFunction, mapped, of_columns
+from .mapped import MappedFunction, map_columns, of_columns
 from .process_noise import ADDED_VARIANCE, PUSH_ERROR, TOUCHED, deviation, way_of
-from .pushing import Move, pushed
+from .pushing import Move, push_motion
 
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 USUAL_FINGERS = 2  # that touch at once
@@ -43,7 +43,7 @@ def prediction(shape, fingers: int) -> MappedFunction:
         Move(way[:3], way[3:6], way[6], press[f])
         for f, way in enumerate(ca.horzsplit(ways))
     ]
-    motion = pushed(shape, z, moves, before, (given[0], given[1]))
+    motion = push_motion(shape, z, moves, before, (given[0], given[1]))
     way, last = (way_of(ca.norm_2(d[:2]), d[2]) for d in (motion, before))
     noise = given[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
     added = ca.vertcat(ca.SX(shape.theta, 1), noise**2 + ADDED_VARIANCE)
@@ -59,7 +59,7 @@ def prediction(shape, fingers: int) -> MappedFunction:
         return [of_columns("prediction", given_in_order, (*found, ca.vec(slopes)))]
 
     whole = ca.Function("pushed", arguments, [motion, added])
-    return mapped(("prediction",), whole, derive)[0]
+    return map_columns(("prediction",), whole, derive)[0]
 
 
 @cache
@@ -87,7 +87,7 @@ def corrections(shape) -> tuple[MappedFunction, MappedFunction]:
         return [touch, overlap]
 
     surface = ca.Function("surface", [z, *finger], [gap, level, OUTLIER])
-    return tuple(mapped(("touch", "overlap"), surface, derive))
+    return tuple(map_columns(("touch", "overlap"), surface, derive))
 
 
 def _corrected(x, P, residuals, slopes, cost):

@@ -33,7 +33,7 @@ PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such 
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 
 
-def tracked(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
+def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
     """Return the tracks after the samples of an action, and the records.
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
@@ -181,7 +181,7 @@ def _telling(ekf, z, t) -> list[tuple]:
     return telling
 
 
-def smoothed(records, samples: int, rows):
+def smoothed_states(records, samples: int, rows):
     """Return the states (S, n + 3, samples) of the tracks `rows`, given all samples.
 
     By the smoother of Rauch, Tung and Striebel; and the rows that these were before the

@@ -113,14 +113,14 @@ def filter_of(job, data) -> KalmanFilter:
     )  # fmt: skip
 
 
-def started(z, P, fingers: int, rng) -> Tracks:
+def new_tracks(z, P, fingers: int, rng) -> Tracks:
     """Return tracks from states z (n + 3, S) and covariances P."""
     S = z.shape[1]
-    press = presses(fingers, S, rng)
+    press = draw_presses(fingers, S, rng)
     return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
 
 
-def presses(fingers, S, rng):
+def draw_presses(fingers, S, rng):
     """Return drawn weights (fingers, S) with which each finger presses on a top."""
     return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
 
@@ -197,5 +197,5 @@ def parts_of(ekf, tracks, rows, rng) -> Tracks:
     off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), len(parts.P))))
     z = np.maximum(parts.z + SPREAD * part * off, ekf.low)
     P = parts.P * np.where(part, SHRUNK, 1.0)
-    press = presses(len(parts.press), len(rows), rng)
+    press = draw_presses(len(parts.press), len(rows), rng)
     return replace(parts, z=z, P=P, press=press)
