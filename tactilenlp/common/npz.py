@@ -67,9 +67,10 @@ def read_npz(
         except TactileError:
             raise
         except UNREADABLE as bad:
-            parts = {"where": where, "got": f"{type(bad).__name__}: {bad}"}
-            parts |= {"expected": "an .npz file of plain arrays"}
-            raise error("cannot be read", next="use numpy.savez", **parts) from bad
+            raise error(
+                "cannot be read", where=where, got=f"{type(bad).__name__}: {bad}",
+                expected="an .npz file of plain arrays", next="use numpy.savez",
+            ) from bad  # fmt: skip
     return arrays
 
 

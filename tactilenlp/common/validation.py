@@ -196,20 +196,24 @@ def checked_trajectory(
     time, p_wf = (as_floats(() if as_array(x) is None else x) for x in given)
     good = time.ndim == 1 and time.size > 1 and np.isfinite(time).all()
     if not (good and (time[1:] > time[:-1]).all()):
-        got = f"time {time.shape}, finger_position {p_wf.shape}"
-        expected = "(n,) [s], finite, increasing, n >= 2"
-        raise error("no trajectory", where="time", got=got, expected=expected)
+        raise error(
+            "no trajectory", where="time",
+            got=f"time {time.shape}, finger_position {p_wf.shape}",
+            expected="(n,) [s], finite, increasing, n >= 2",
+        )  # fmt: skip
     shape = (time.size, fingers, 3)
     if p_wf.shape != shape or not (abs(p_wf) <= farthest).all():
-        where, got = "finger_position", f"shape {p_wf.shape}"
-        expected = f"{shape} [m], finite, within {farthest:g} m"
-        raise error("no trajectory", where=where, got=got, expected=expected)
+        raise error(
+            "no trajectory", where="finger_position", got=f"shape {p_wf.shape}",
+            expected=f"{shape} [m], finite, within {farthest:g} m",
+        )  # fmt: skip
     with np.errstate(over="ignore"):
         duration = float(time[-1] - time[0])
     if not duration <= longest:
-        told = {"got": f"{duration:g} s", "expected": f"at most {longest:g} s"}
-        told["next"] = "execute it in parts"
-        raise error("too long for the limits", where="time", **told)
+        raise error(
+            "too long for the limits", where="time", got=f"{duration:g} s",
+            expected=f"at most {longest:g} s", next="execute it in parts",
+        )  # fmt: skip
     return time, p_wf
 
 

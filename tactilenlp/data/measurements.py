@@ -143,9 +143,11 @@ class Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
         R_vw, t_vw = as_floats(R), as_floats(t)
         if t_vw.shape != (3,) or not is_rotation(R_vw, ROTATION_TOLERANCE):
-            parts = {"where": "R, t", "got": shortened((R, t), most=200)}
-            parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
-            raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)
+            raise MeasurementError(
+                "not a rigid motion", where="R, t", got=shortened((R, t), most=200),
+                expected="a rotation matrix (3, 3) and an offset (3,) [m]",
+                next="check R R' = 1",
+            )  # fmt: skip
         moved = self.arrays() | {"normal": self.normal @ R_vw.T}
         moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
         if self.finger_orientation is not None:
@@ -199,8 +201,9 @@ def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) 
         what, got = f"{what} at index {index}", got[index].tolist()
     axes, meaning, _ = LAYOUT[key]
     expected = str(axes).replace("'", "") + f" {meaning}"
-    parts = {"where": key, "expected": expected, "got": f"{got}", "next": fix}
-    raise MeasurementError(what, index=index, **parts)
+    raise MeasurementError(
+        what, index=index, where=key, expected=expected, got=f"{got}", next=fix
+    )
 
 
 def _array(key: str, value: object) -> np.ndarray:

@@ -199,8 +199,8 @@ def expected_information_gain(
     one estimate, see ExpectedInformation.
     """
     check_types(action=(action, Action))
-    given = estimate, action.workspace, hypotheses, slopes, shape
-    return ExpectedInformation(*given).gain(action)
+    space = action.workspace
+    return ExpectedInformation(estimate, space, hypotheses, slopes, shape).gain(action)
 
 
 def push_constants(estimate, space: Workspace) -> np.ndarray:

@@ -75,11 +75,15 @@ def identify_body(
             trajectories, scene, shape, guess, gauge
         )
     options = replace(options, deadline=solves.until(options.deadline.at))
-    found = _best(steps, starts, signs, trajectories.dt, scene, options)
-    if throw and not found[2].success:
-        raise not_converged(found[0], found[2])
-    known = trajectories, scene, shape, steps, signs, ruler
-    body = _read_off(*known, *found, deadline)
+    problem, window, solution, chosen = _best(
+        steps, starts, signs, trajectories.dt, scene, options
+    )
+    if throw and not solution.success:
+        raise not_converged(problem, solution)
+    body = _read_off(
+        trajectories, scene, shape, steps, signs, ruler, problem, window, solution,
+        chosen, deadline,
+    )  # fmt: skip
     seconds = body.seconds | {"total": time.process_time() - began}
     return replace(body, seconds=seconds, status=deadline.marked(body.status))
 
@@ -153,8 +157,8 @@ def _solved_in_time(window, scene, options):
         with strict.ending("a solve"):
             problem = Problem(deadline=strict)
             page.build(problem, window, scene)
-            given = replace(options, deadline=strict)
-            return problem, solve_levels(problem, page.LEVELS, {}, given)
+            options = replace(options, deadline=strict)
+            return problem, solve_levels(problem, page.LEVELS, {}, options)
     problem = Problem(cache=TermFunctionCache(derive=False))
     page.build(problem, window, scene)
     return problem, evaluated(problem, {})
