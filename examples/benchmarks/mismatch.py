@@ -83,8 +83,8 @@ def played(name: str, shape: str, trial: int, actions: int) -> World:
     return world
 
 
-def best_hull(mesh, count: int = 20):
-    """Return the hull of so many vertices fitted to a surface by nearest points."""
+def best_polytope(mesh, count: int = 20):
+    """Return the polytope of so many vertices fitted to a surface by nearest points."""
     points, _ = trimesh.sample.sample_surface_even(mesh, POINTS, seed=SEED)
     V = more_vertices(fewer_vertices(mesh.vertices, count), count)
     found, best = convex_hull(V), np.inf
@@ -148,7 +148,7 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     mesh = world.true_body(data.time[-1]).mesh
     known = ("mass", "friction_ground", "friction_finger", "gravity")
     scene = Scene(**{key: getattr(world, key) for key in known})
-    fit = best_hull(mesh) if shape == "polytope" else best_box(mesh)
+    fit = best_polytope(mesh) if shape == "polytope" else best_box(mesh)
     row = {"body": name, "class": shape, "trial": trial, "actions": actions}
     felt = world.truth.contact & data.valid
     points = carried_along(world.truth, felt, data.finger_radius)

@@ -2,8 +2,8 @@
 
 For shapes with sizes.  The Gaussian of the best hypothesis has the exact information of
 the estimate, reduced to its sigma where that is larger.  Where this information is
-indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  For hulls
-see polytope_beliefs.py.
+indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  Of
+polytopes: polytope_beliefs.py.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ INDENTATION_ERROR = 0.5  # [-] of a predicted one: push and compliance are 30 % 
 class Belief:
     """A Gaussian about one hypothesis.
 
-    z:           (k,), theta and x_T; for a hull, its vertices about its centroid [m]
+    z:           (k,), theta and x_T; for a polytope, vertices about its centroid [m]
     information: (k, k), SI; with unknown finger offsets (k + 3 F, k + 3 F)
     before:      the same before any touch: the prior
     weight:      [1], of the hypothesis; the weights of a belief sum to one
     shift:       (F, 3) [m], added to finger positions, ground frame: the estimated
-                 offset; for a hull, minus its centroid
+                 offset; for a polytope, minus its centroid
     """
 
     z: np.ndarray

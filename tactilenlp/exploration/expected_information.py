@@ -148,7 +148,7 @@ class ExpectedInformation:
         n, theta = len(path) - 1, belief.z[: self.shape.theta]
         pose, centre = belief.z[len(theta) :], np.zeros(3)
         centre[: len(pose)] = pose[:3]
-        if len(pose) == len(PLANAR.scale):  # a hull has no pose unknowns
+        if len(pose) == len(PLANAR.scale):  # else of a polytope, whose pose is held
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
         reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)

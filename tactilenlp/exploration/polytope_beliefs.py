@@ -1,4 +1,4 @@
-r"""The belief about a hull before an action: a Gaussian of its vertices.
+r"""The belief about a polytope before an action: a Gaussian of its vertices.
 
 The vertices are taken where they lie now.  Twenty have sixty unknowns, most of which no
 touch observes.  The gain should count only those that the planned contacts observe,
@@ -50,7 +50,7 @@ VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 
 def belief_of(estimate, shape) -> Belief:
-    """Return the belief about a hull: one Gaussian, of the best hypothesis."""
+    """Return the belief about a polytope: one Gaussian, of the best hypothesis."""
     ground = estimate.scene.ground
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()

@@ -161,10 +161,10 @@ def _sensing_function(shape, free: bool) -> ca.Function:
 def backward_filter_function(shape, fingers: int) -> ca.Function:
     """Return (M, P; z, r, rho, c, valid, Q, sensors), SAMPLES_PER_CALL samples back.
 
-    M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
-    from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid (F,):
-    booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and E
-    (4 F, k): E'E is what the fingers told.
+    M, P: as in the page `exploration`, s being the pose of a polytope at a sample, as
+    seen from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid
+    (F,): booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and
+    E (4 F, k): E'E is what the fingers told.
     """
     sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)

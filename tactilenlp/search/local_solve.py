@@ -31,7 +31,7 @@ RESTARTED = ("theta", "x", "body")  # unknowns of a rebuilt page that it guesses
 def built_page(job: Job, hypothesis=None) -> BuiltPage:
     """Return the problem of a job's page, built.
 
-    hypothesis: where it is solved from; reach depends on it, and contacts of hulls.
+    hypothesis: where it is solved from; reach and contacts of polytopes depend on it.
     """
     began = time.process_time()
     made = required_reductions(job.page, job.reductions)

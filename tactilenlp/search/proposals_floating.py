@@ -30,7 +30,7 @@ def search_plane(job, guess=None) -> Ground:
 
     It is along them and their normals; with a user's guess (a Guess) it is level.
     """
-    on_plane = job.shape.tracked  # hulls may reach below it
+    on_plane = job.shape.tracked  # polytopes may reach below it
     data, size = job.data, job.shape.typical_size if on_plane else 0.0
     felt = data.contact
     first = data.action[felt.any(axis=1)][0]
