@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..common.brief import shown
+from ..common.brief import same_content, shown
 from ..common.npz import read_npz, write_npz
 from ..common.validation import (
     as_array,
@@ -135,8 +135,8 @@ class Measurements:
 
     def select(self, actions: Iterable[int]) -> Measurements:
         """Return the samples of these actions, in time order; numbers are kept."""
-        known = np.unique(self.action)
-        wanted = checked_choice("action", actions, known, MeasurementError)
+        numbers = np.unique(self.action)
+        wanted = checked_choice("action", actions, numbers, MeasurementError)
         return Measurements(**self.arrays(np.isin(self.action, wanted)))
 
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
@@ -148,27 +148,22 @@ class Measurements:
                 expected="a rotation matrix (3, 3) and an offset (3,) [m]",
                 next="check R R' = 1",
             )  # fmt: skip
-        moved = self.arrays() | {"normal": self.normal @ R_vw.T}
-        moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
-        if self.finger_orientation is not None:
+        arrays = self.arrays() | {"normal": self.normal @ R_vw.T}
+        arrays["finger_position"] = self.finger_position @ R_vw.T + t_vw
+        if (wxyz := self.finger_orientation) is not None:
             # lazily: import stays light
             from scipy.spatial.transform import Rotation
 
             from ..geometry.transforms import quaternion_of, rotation_of
 
-            wxyz = self.finger_orientation.reshape(-1, 4)
-            turned = Rotation.from_matrix(R_vw) * rotation_of(wxyz)
-            wxyz = quaternion_of(turned).reshape(self.finger_orientation.shape)
-            moved["finger_orientation"] = wxyz
-        return Measurements(**moved)
+            R_vf = Rotation.from_matrix(R_vw) * rotation_of(wxyz.reshape(-1, 4))
+            arrays["finger_orientation"] = quaternion_of(R_vf).reshape(wxyz.shape)
+        return Measurements(**arrays)
 
     def is_prefix_of(self, other: Measurements) -> bool:
         """Return whether `other` begins with exactly these data."""
         check_types(other=(other, Measurements))
-        mine, theirs = self.arrays(), other.arrays(slice(self.samples))
-        return mine.keys() == theirs.keys() and all(
-            np.array_equal(mine[key], theirs[key]) for key in mine
-        )
+        return same_content(self.arrays(), other.arrays(slice(self.samples)))
 
     def __eq__(self, other: object) -> bool:
         same = isinstance(other, Measurements) and self.samples == other.samples
@@ -200,10 +195,10 @@ def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) 
     if index:
         what, got = f"{what} at index {index}", got[index].tolist()
     axes, meaning, _ = LAYOUT[key]
-    expected = str(axes).replace("'", "") + f" {meaning}"
     raise MeasurementError(
-        what, index=index, where=key, expected=expected, got=f"{got}", next=fix
-    )
+        what, index=index, where=key, got=f"{got}", next=fix,
+        expected=str(axes).replace("'", "") + f" {meaning}",
+    )  # fmt: skip
 
 
 def _array(key: str, value: object) -> np.ndarray:
