@@ -50,10 +50,10 @@ def rate_of(data, values: np.ndarray) -> np.ndarray:
     Zero where an action begins, and for a sample that has come twice.
     """
     interval, rate = np.diff(data.time), np.zeros_like(values)
-    known = data.action[1:] == data.action[:-1]
-    known &= interval > REPEATED * intervals(data)[1:]
+    within = data.action[1:] == data.action[:-1]
+    within &= interval > REPEATED * intervals(data)[1:]
     shape = (-1, *[1] * (values.ndim - 1))
-    rate[1:][known] = np.diff(values, axis=0)[known] / interval[known].reshape(shape)
+    rate[1:][within] = np.diff(values, axis=0)[within] / interval[within].reshape(shape)
     return rate
 
 

@@ -75,8 +75,8 @@ class Measurements:
     finger_orientation: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        given = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
-        arrays = _shaped({key: _array(key, value) for key, value in given.items()})
+        values = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
+        arrays = _shaped({key: _array(key, value) for key, value in values.items()})
         arrays.setdefault("valid", np.ones(arrays["contact"].shape))
         _check_fingers(arrays)
         _check_time(arrays["time"], arrays["action"])
@@ -119,18 +119,18 @@ class Measurements:
     def append(self, other: Measurements) -> Measurements:
         """Return these data followed by those of `other`, its actions renumbered."""
         check_types(other=(other, Measurements))
-        mine, theirs = self.arrays(), other.arrays()
+        ours, theirs = self.arrays(), other.arrays()
         radius, end = self.finger_radius, self.time[-1]
         differ = not np.array_equal(radius, other.finger_radius)
         fix = f"the fingers so far have {radius.tolist()} m"
         _reject("finger_radius", differ, "other fingers", other.finger_radius, fix)
-        differ, fix = mine.keys() != theirs.keys(), "give it in both or in none"
+        differ, fix = ours.keys() != theirs.keys(), "give it in both or in none"
         _reject("finger_orientation", differ, "in one of two", sorted(theirs), fix)
         fix = f"start after {end} s, where the data end: one clock for all actions"
         _reject("time", other.time[:1] <= end, "does not go on", other.time, fix)
         rank = np.unique(other.action, return_inverse=True)[1].reshape(-1)
         theirs["action"] = self.action[-1] + 1 + rank
-        joined = {key: np.concatenate([mine[key], theirs[key]]) for key in mine}
+        joined = {key: np.concatenate([ours[key], theirs[key]]) for key in ours}
         return Measurements(**joined | {"finger_radius": radius})
 
     def select(self, actions: Iterable[int]) -> Measurements:

@@ -114,10 +114,10 @@ def _rounding_of_normals(data: Measurements) -> float:
     """
     jumps = np.linalg.norm(np.diff(data.normal, axis=0), axis=2)
     jumps = jumps[consecutive_contacts(data)]
-    moved = jumps[jumps > SAME_NORMAL]
-    if not 0 < len(moved) < len(jumps) / 2:
+    changes = jumps[jumps > SAME_NORMAL]
+    if not 0 < len(changes) < len(jumps) / 2:
         return 0.0
-    return np.median(moved) / np.sqrt(12) * np.sqrt(len(jumps) / len(moved))
+    return np.median(changes) / np.sqrt(12) * np.sqrt(len(jumps) / len(changes))
 
 
 def smooth_paths(data: Measurements, precision: Precision) -> Measurements:
@@ -199,11 +199,11 @@ def with_fingers_earlier(data: Measurements, lag: float) -> Measurements:
     """Return the data with every finger where it was a lag [s] before each sample."""
     if lag == 0:
         return data
-    moved = {"finger_position": shift_in_time(data, data.finger_position, -lag)}
+    arrays = {"finger_position": shift_in_time(data, data.finger_position, -lag)}
     if (wxyz := data.finger_orientation) is not None:
         each = [shift_rotations(data, wxyz[:, f], -lag) for f in range(data.fingers)]
-        moved["finger_orientation"] = np.stack(each, axis=1)
-    return replace(data, **moved)
+        arrays["finger_orientation"] = np.stack(each, axis=1)
+    return replace(data, **arrays)
 
 
 def shift_rotations(data: Measurements, wxyz, by: float) -> np.ndarray:
@@ -236,9 +236,9 @@ def shift_in_time(
     for action in np.unique(data.action):
         rows = np.flatnonzero(data.action == action)
         apart = np.diff(data.time[rows], prepend=-np.inf) > least[rows]
-        known = rows[apart]  # a sample that has come twice tells no velocity
-        if len(known) > 1:
-            line = make_interp_spline(data.time[known], values[known], k=1)
+        knots = rows[apart]  # a sample that has come twice tells no velocity
+        if len(knots) > 1:
+            line = make_interp_spline(data.time[knots], values[knots], k=1)
             then = data.time[rows] + by
             ends = data.time[rows[[0, -1]]]
             out[rows] = line(then if beyond else np.clip(then, *ends))

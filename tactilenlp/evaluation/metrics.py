@@ -158,9 +158,9 @@ def cuboid_errors(
     sizes = sizes[permutations] - truth
     shift = finite_array(position, (3,), "position")
     shift = shift - finite_array(true_position, (3,), "true_position")
-    given = {"quaternion": quaternion, "true_quaternion": true_quaternion}
+    quaternions = {"quaternion": quaternion, "true_quaternion": true_quaternion}
     unit = 4, QUATERNION_TOLERANCE, TactileError, "give a quaternion wxyz of length 1"
-    wxyz = [checked_unit(name, value, *unit) for name, value in given.items()]
+    wxyz = [checked_unit(name, value, *unit) for name, value in quaternions.items()]
     R_we, R_wt = rotation_of(wxyz).as_matrix()
     turns = Rotation.from_matrix(R_we @ cube @ R_wt.T).as_rotvec()
     angles, misfit = (np.linalg.norm(rows, axis=1) for rows in (turns, sizes))

@@ -73,8 +73,8 @@ def check_predicted(policy, actions, start, shape, scene) -> None:
 
 def shape_of_start(estimate, shapes) -> Shape:
     """Return the shape of an estimate: one of those given, or the one of its name."""
-    known = {shape.name: shape for shape in shapes}
-    return known.get(estimate.shape) or shape_of(estimate.shape)
+    by_name = {shape.name: shape for shape in shapes}
+    return by_name.get(estimate.shape) or shape_of(estimate.shape)
 
 
 def next_action(estimate, space, past, rng, settings, shapes):

@@ -57,12 +57,12 @@ def belief_of(estimate, shape) -> Belief:
     vertices = estimate.vertices @ R_go.T
     before = ball_prior(vertices, shape.size_prior)
     points = fingers_on_body(estimate)
-    known = before + information_of_samples(estimate, shape, vertices, points)
-    known += flatness_information(
+    information = before + information_of_samples(estimate, shape, vertices, points)
+    information += flatness_information(
         vertices, centre[2], contact_points(estimate, vertices, points)
     )
-    known = after_retraction(known, vertices)
-    return Belief(vertices.ravel(), known, before, 1.0, -centre[None])
+    information = after_retraction(information, vertices)
+    return Belief(vertices.ravel(), information, before, 1.0, -centre[None])
 
 
 def sensor_model(estimate) -> np.ndarray:

@@ -101,17 +101,17 @@ def fewer_vertices(points, count: int) -> np.ndarray:
     more than ONE_BY_ONE vertices, a tenth of those beyond is removed at once.
     """
     points = hull_vertices(points)
-    kept, loss = np.arange(len(points)), np.zeros(len(points))
-    changed = kept
-    while len(kept) > count:
-        simplices = kept[ConvexHull(points[kept]).simplices]
+    left, loss = np.arange(len(points)), np.zeros(len(points))
+    changed = left
+    while len(left) > count:
+        simplices = left[ConvexHull(points[left]).simplices]
         for i in changed:
             ring = _neighbours(simplices, i)
             loss[i] = volume(points[[*ring, i]]) - volume(points[ring])
-        at_once = max(1, (len(kept) - ONE_BY_ONE) // 10)
-        gone = kept[np.argsort(loss[kept], kind="stable")[:at_once]]
-        kept, changed = np.setdiff1d(kept, gone), _neighbours(simplices, gone)
-    return points[kept]
+        at_once = max(1, (len(left) - ONE_BY_ONE) // 10)
+        gone = left[np.argsort(loss[left], kind="stable")[:at_once]]
+        left, changed = np.setdiff1d(left, gone), _neighbours(simplices, gone)
+    return points[left]
 
 
 def _neighbours(simplices, some) -> np.ndarray:

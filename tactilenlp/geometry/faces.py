@@ -107,8 +107,8 @@ def _moves_of_corners(estimate) -> np.ndarray:
         return np.full((len(vertices), 3, k), np.nan)
     R_wo = estimate.rotation()
     turn = np.nan_to_num(maps["rotation"])  # NaN: held by a reduction
-    turned = -np.cross(vertices @ R_wo.T, turn.T[:, None]).transpose(1, 2, 0)
-    return maps["position"] + R_wo @ corners + turned
+    by_turn = -np.cross(vertices @ R_wo.T, turn.T[:, None]).transpose(1, 2, 0)
+    return maps["position"] + R_wo @ corners + by_turn
 
 
 def _deviations(estimate, moves, n) -> np.ndarray:

@@ -266,7 +266,7 @@ def _sharp_sigma(C, names, signs, push) -> np.ndarray:
 def _impulses(trajectories, scene, problem, window, solution) -> np.ndarray:
     """Return the impulses (T, V, 3) [N s] of the ground on every vertex."""
     x, data = solution.at(problem)
-    found = problem.value("world impulse", x, data) @ scene.ground.rotation
+    impulses = problem.value("world impulse", x, data) @ scene.ground.rotation
     out = np.zeros((len(trajectories.toss), window.vertices, 3))
-    out[window.step.sample[window.touch.step], window.touch.vertex] = found
+    out[window.step.sample[window.touch.step], window.touch.vertex] = impulses
     return out

@@ -84,21 +84,21 @@ def nothing_lands(steps: TossSteps) -> MotionError:
 
 def _guess_of(guess, shape) -> tuple:
     """Return theta (3, columns) [m] and signs (3, V) of a user's guess."""
-    cuboid, given = shape == "cuboid", as_floats(guess)
+    cuboid, theta = shape == "cuboid", as_floats(guess)
     fits = (
-        given.shape == (3,) if cuboid else given.ndim == 2 and given.shape[1:] == (3,)
+        theta.shape == (3,) if cuboid else theta.ndim == 2 and theta.shape[1:] == (3,)
     )
-    if not fits or not np.isfinite(given).all() or (cuboid and given.min() <= 0):
+    if not fits or not np.isfinite(theta).all() or (cuboid and theta.min() <= 0):
         raise OptionError(
             "cannot start there", where="guess", got=shortened(guess, most=80),
             expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
         )  # fmt: skip
-    if not (cuboid or has_volume(given)):
+    if not (cuboid or has_volume(theta)):
         raise OptionError(
-            "no body", where="guess", got=f"{len(given)} vertices without a volume",
+            "no body", where="guess", got=f"{len(theta)} vertices without a volume",
             expected="vertices whose convex hull has a volume",
         )  # fmt: skip
-    return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
+    return (theta[:, None], CUBE_SIGNS) if cuboid else (theta.T, np.ones(theta.T.shape))
 
 
 def _gauge(gauge, steps, vertices, fall) -> tuple[float, float]:
@@ -126,15 +126,15 @@ def _check_fall(toss, height, dt, gravity) -> None:
 
     height (T,) [m].  Tosses that begin in a hand or on the ground scatter.
     """
-    found = []
+    gravities = []
     for number in np.unique(toss):
         z = height[toss == number][:FIRST_SAMPLES]
         if len(z) == FIRST_SAMPLES:
-            found.append(-2 * np.polyfit(np.arange(FIRST_SAMPLES) * dt, z, 2)[0])
-    if len(found) < MIN_TOSSES:
+            gravities.append(-2 * np.polyfit(np.arange(FIRST_SAMPLES) * dt, z, 2)[0])
+    if len(gravities) < MIN_TOSSES:
         return
-    g = float(np.median(found))
-    spread = float(np.median(abs(np.array(found) - g)))
+    g = float(np.median(gravities))
+    spread = float(np.median(abs(np.array(gravities) - g)))
     if (
         spread < ALIKE * abs(g)
         and abs(np.log(max(g, LEAST_ACCELERATION) / gravity)) > FAR_OFF
@@ -155,11 +155,11 @@ def _wrong_fall(g, dt, gravity) -> MeasurementError:
 def _check_order(steps, rolled, fall) -> None:
     """Raise MeasurementError where boxes lie flat if quaternions are read as xyzw."""
     dt, gravity = fall
-    given, other = (tilt_at_rest(read, gravity, dt) for read in (steps, rolled))
-    if given > TILTED and other < FLAT:
+    as_wxyz, as_xyzw = (tilt_at_rest(read, gravity, dt) for read in (steps, rolled))
+    if as_wxyz > TILTED and as_xyzw < FLAT:
         raise MeasurementError(
             "looks like xyzw", where="quaternion",
-            got=f"boxes at rest tilted by {given:.0f} deg, as xyzw by {other:.1f}",
+            got=f"boxes at rest tilted by {as_wxyz:.0f} deg, as xyzw by {as_xyzw:.1f}",
             expected="wxyz", next="give np.roll(quaternion, 1, axis=1)",
         )  # fmt: skip
 

@@ -209,13 +209,14 @@ def distinct(
     hopeless [nats]: none that is further behind the best; samples: where bodies are
     compared.
     """
-    kept = []
+    chosen = []
     for h in sorted(hypotheses, key=lambda h: h.rank):
-        if kept and h.objective > kept[0].objective + hopeless:
+        if chosen and h.objective > chosen[0].objective + hopeless:
             break
-        if len(kept) < count and not any(same_body(shape, h, k, samples) for k in kept):
-            kept.append(h)
-    return kept
+        again = (same_body(shape, h, other, samples) for other in chosen)
+        if len(chosen) < count and not any(again):
+            chosen.append(h)
+    return chosen
 
 
 def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:

@@ -168,6 +168,6 @@ def _rebuilt(job, solved, levels) -> Solved:
     h = with_vertices_on_hull(job.shape, solved.at)
     built = built_page(job, h)
     values, _, _ = transferred_values(solved, built.window, built.problem)
-    kept = {name: v for name, v in values.items() if name not in RESTARTED}
-    start = kept | built.values_at(h)
+    unchanged = {name: v for name, v in values.items() if name not in RESTARTED}
+    start = unchanged | built.values_at(h)
     return built.solve(job, levels, start, before=solved.solution)

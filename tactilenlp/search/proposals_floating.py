@@ -94,27 +94,27 @@ def with_faces_tracked(h, data):
     finger is; what the touches leave open moves as in the hypothesis.
     """
     R, p = matrices(h.x), h.x[:3].T
-    turned, moved = R.copy(), p.copy()
+    R_new, p_new = R.copy(), p.copy()
     felt = data.contact
     n, c = data.normal, data.finger_position
     faces = {}  # by finger: normal and offset in the body frame
     for t in reversed(range(data.samples)):
         if t + 1 < data.samples:
-            turned[t] = R[t] @ R[t + 1].T @ turned[t + 1]
-            moved[t] = moved[t + 1] + p[t] - p[t + 1]
+            R_new[t] = R[t] @ R[t + 1].T @ R_new[t + 1]
+            p_new[t] = p_new[t + 1] + p[t] - p[t + 1]
         on = [f for f in faces if felt[t, f]]
         if on:
             m = np.vstack([*(faces[f][0] for f in on), np.eye(3)])
-            to = np.vstack([n[t, on], turned[t].T])
+            to = np.vstack([n[t, on], R_new[t].T])
             weight = np.r_[np.ones(len(on)), np.full(3, FREE_WEIGHT)]
-            turned[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
+            R_new[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
             offset = [faces[f][1] for f in on]
             A = np.vstack([n[t, on], FREE_WEIGHT * np.eye(3)])
-            away = (n[t, on] * (c[t, on] - moved[t])).sum(axis=1) - offset
-            moved[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
+            away = (n[t, on] * (c[t, on] - p_new[t])).sum(axis=1) - offset
+            p_new[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
         for f in range(data.fingers):
             if not felt[t, f]:
                 faces.pop(f, None)
             elif f not in faces:
-                faces[f] = turned[t].T @ n[t, f], n[t, f] @ (c[t, f] - moved[t])
-    return replace(h, x=np.vstack([moved.T, rotvecs_back(turned).T]))
+                faces[f] = R_new[t].T @ n[t, f], n[t, f] @ (c[t, f] - p_new[t])
+    return replace(h, x=np.vstack([p_new.T, rotvecs_back(R_new).T]))

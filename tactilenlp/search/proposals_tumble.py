@@ -143,8 +143,8 @@ def _less_deep(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
     theta = h.theta.copy()
     theta[tip.axis] *= share
     fall = np.array([tip.fall(x) for x in h.x.T])
-    moved = (theta - h.theta)[tip.axis] / 2 * fall.T
-    return replace(h, theta=theta, x=h.x + moved * [[1], [1], [0]])
+    shift = (theta - h.theta)[tip.axis] / 2 * fall.T
+    return replace(h, theta=theta, x=h.x + shift * [[1], [1], [0]])
 
 
 def tumbling_motions(job, evidence, width: int, solves: int, executor=None):
@@ -155,12 +155,12 @@ def tumbling_motions(job, evidence, width: int, solves: int, executor=None):
     """
     actions, motions = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
-        kept = []
+        hypotheses = []
         if job.data.contact[job.data.action < action].any():
             part = replace(job, data=job.data.select(actions[actions < action]))
-            kept = TrackingSearch(part, (), solves, executor).starts()
+            hypotheses = TrackingSearch(part, (), solves, executor).starts()
         part = replace(job, data=job.data.select(actions[actions <= action]))
-        tumbles = likeliest_tumbles(part, last_tumbles(part, kept))
+        tumbles = likeliest_tumbles(part, last_tumbles(part, hypotheses))
         if tumbles:
             motions += motions_after(job, tumbles, width, solves, executor)
     return distinct(job.shape, motions, width, np.inf)

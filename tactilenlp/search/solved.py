@@ -153,8 +153,8 @@ class Solved:
     def touched(self) -> np.ndarray:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, window = self.at, self.window
-        _, turned = poses(window.shape, window.motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, turned, FACE_COSINE)
+        _, quaternion = poses(window.shape, window.motion, at.theta, at.x, None)
+        return touched_faces(self.job.data, quaternion, FACE_COSINE)
 
     @property
     def at(self) -> Hypothesis:

@@ -59,8 +59,8 @@ def with_carried(ekf: KalmanFilter, tracks: Tracks, action: int, rng):
         away = REACH * np.clip(
             rng.standard_cauchy((2, len(rows))), -FARTHEST_PLACE, FARTHEST_PLACE
         )
-        turned = rng.uniform(-np.pi, np.pi, len(rows))
-        pose = carried.z[n:] + np.vstack([away, turned])
+        turn = rng.uniform(-np.pi, np.pi, len(rows))
+        pose = carried.z[n:] + np.vstack([away, turn])
     P = carried.P.copy()
     P[n:], P[:, n:] = 0.0, 0.0
     P[n:, n:] = np.diag(START_SIGMA[3:] ** 2)[..., None]

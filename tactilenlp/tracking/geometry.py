@@ -94,13 +94,13 @@ class Geometry:
 @cache
 def geometry_of(shape) -> Geometry:
     """Return the geometry of a shape with sizes."""
-    given, (gap, normal, _) = upright_surface(shape)
-    height = ca.SX(2 * shape.rest_height(given[0][:-3]))
-    surface = ca.Function("surface", given, [gap, normal, height])
+    arguments, (gap, normal, _) = upright_surface(shape)
+    height = ca.SX(2 * shape.rest_height(arguments[0][:-3]))
+    surface = ca.Function("surface", arguments, [gap, normal, height])
 
     def derive():
-        contact = of_columns("contact", given, [gap, normal])
-        return [contact, of_columns("height", given[:1], [height])]
+        contact = of_columns("contact", arguments, [gap, normal])
+        return [contact, of_columns("height", arguments[:1], [height])]
 
     functions = map_columns(("contact", "height"), surface, derive)
     unit = np.broadcast_to(np.divide(shape.size_prior[1], UNIT_DEVIATION), shape.theta)

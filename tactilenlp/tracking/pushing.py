@@ -177,12 +177,12 @@ def _compliance(feet, pushes, before, mu_g):
     tilt_x = sum(p.load * p.at[0] for p in pushes) / x
     tilt_y = sum(p.load * p.at[1] for p in pushes) / y
     vx, vy, turn = before[0], before[1], before[2]
-    moved = ca.sqrt(vx**2 + vy**2 + TINY) + ARM * ca.fabs(turn)
-    rounding = (0.1 * moved) ** 2 + LEAST_SPEED**2
+    travel = ca.sqrt(vx**2 + vy**2 + TINY) + ARM * ca.fabs(turn)
+    rounding = (0.1 * travel) ** 2 + LEAST_SPEED**2
     total, first, second = 0, 0, 0
     for i, k in product((1, -1), (1, -1)):
         way = (vx - k * y * turn) ** 2 + (vy + i * x * turn) ** 2
-        way = ca.if_else(moved <= SLOW, START, ca.sqrt(way + rounding))
+        way = ca.if_else(travel <= SLOW, START, ca.sqrt(way + rounding))
         share = ca.fmax((load + i * tilt_x + k * tilt_y) / 4, LEAST_LOAD)
         w = mu_g * share / way
         total, first, second = total + w, first + i * w, second + k * w

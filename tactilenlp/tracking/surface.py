@@ -67,8 +67,8 @@ def body_surface(shape, theta, count: int = MESH_RAYS) -> np.ndarray:
 def trajectory_outline(shape, h, every: int) -> np.ndarray:
     """Return points (12, 2, T) [m] of planar poses: supports around the origin."""
     body, x = body_surface(shape, h.theta, OUTLINE_RAYS)[:, :2], h.x[:, ::every]
-    turned = LEVEL[:, None] - x[2]  # directions in the body frame
-    d = np.stack([np.cos(turned), np.sin(turned)], axis=2)
+    angle = LEVEL[:, None] - x[2]  # directions in the body frame
+    d = np.stack([np.cos(angle), np.sin(angle)], axis=2)
     reach = (d @ body.T).max(axis=2)
     return x[:2] + reach[:, None] * LEVEL_RAYS[:, :, None]
 

@@ -46,9 +46,9 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
         if ekf.deadline.left <= 0:
             break
         if replaced is None:
-            tracks, slopes, moved = predicted_tracks(ekf, tracks, before, t, rng)
+            tracks, slopes, moves = predicted_tracks(ekf, tracks, before, t, rng)
         else:
-            (tracks, slopes), moved, replaced = replaced, True, None
+            (tracks, slopes), moves, replaced = replaced, True, None
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(ekf, tracks, t)
         rows = None
@@ -57,7 +57,7 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
                 tracks, rows = split_tracks(ekf, tracks, t == len(felt) - 1, rng)
             elif (rows := surviving(tracks)) is not None:
                 tracks = tracks.pick(rows)
-        if moved or corrected or rows is not None:
+        if moves or corrected or rows is not None:
             records.append(
                 SmootherStep(
                     before, t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows
@@ -104,8 +104,8 @@ def predicted_tracks(ekf, tracks, before, t, rng):
             return tracks, None, False
         off = noise * deviation(RELEASED, STOP_ERROR, way)
         if ekf.coasts:
-            moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
-            return _noisier(replace(tracks, z=moved), off), None, True
+            z = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
+            return _noisier(replace(tracks, z=z), off), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
         return _noisier(tracks, off), None, True
     return *_pushed(ekf, tracks, before, t, np.flatnonzero(active), noise), True
