@@ -169,7 +169,7 @@ def test_least_motion_ends_early_where_all_starts_come_to_one_optimum(estimate, 
     request, _ = read_request(estimate.measurements, estimate.scene, *given)
     paths = [estimate.hypotheses[0]] * 20
     caplog.set_level("INFO", "tactilenlp")
-    found = least_motion(request.job, paths)
+    found = least_motion(request.job, paths, None, {})
     assert len(found) == 8
     assert "1 optima from 8 starts" in caplog.text
 

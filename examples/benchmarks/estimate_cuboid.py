@@ -218,11 +218,6 @@ def cases_of(arguments) -> list[tuple]:
     return cases
 
 
-def rows_of(cases) -> list[dict]:
-    """Return the rows of all cases."""
-    return [row for rows in cases for row in rows]
-
-
 def main() -> None:
     parser = study_parser(__doc__, folder=False)
     add, every, paths = parser.add_argument, [*FORMULATIONS], ["reduced", "unreduced"]
@@ -235,8 +230,8 @@ def main() -> None:
     arguments = parser.parse_args()
     path, cases = arguments.out / "runs", cases_of(arguments)
     say = telling("success", "mean_mm", "cpu_s", "error")
-    rows = tabled_study(arguments, path, run_case, cases, say=say, table=rows_of)
-    path.with_suffix(".json").write_text(json.dumps(rows_of(rows)))
+    rows = tabled_study(arguments, path, run_case, cases, say=say)
+    path.with_suffix(".json").write_text(json.dumps(rows))
     report([path.with_suffix(".json")])
 
 

@@ -49,14 +49,13 @@ class Executor(Protocol):
 
 
 def least_motion(
-    job: Job, tracks, executor: Executor | None = None, cache: dict | None = None
+    job: Job, tracks, executor: Executor | None, cache: dict
 ) -> list[Hypothesis]:
     """Return for the first tracks, in order, the optimum of least motion from there.
 
     It ends where hardly an optimum is left to be seen (`unseen`).  executor: over which
     the tracks are solved, several at a time; cache: optima by track, extended.
     """
-    cache = {} if cache is None else cache
     ends, optima, left = [], [], [h for h in tracks if h not in cache]
     new = _solves(job, left) if executor is None else _spread(job, left, executor)
     for track in tracks:
