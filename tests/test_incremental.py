@@ -9,6 +9,8 @@ import pytest
 from tactilenlp import Options, Session, solve_estimate
 from tactilenlp.common.deadline import OutOfTime
 from tactilenlp.interface.request import read_request
+from tactilenlp.local.local_solve import built_page
+from tactilenlp.local.solved import Solves
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement.incremental import (
     of_more_samples,
@@ -17,9 +19,7 @@ from tactilenlp.refinement.incremental import (
     update_limit,
     updated_by_few,
 )
-from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.multi_hypothesis import TrackingSearch
-from tactilenlp.search.solved import Solves
 
 
 @pytest.fixture(scope="module")

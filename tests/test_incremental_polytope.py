@@ -14,10 +14,10 @@ from tactilenlp import solve_estimate
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.margins import DECISIVE
+from tactilenlp.local.solved import Solved, best_first
 from tactilenlp.refinement import incremental_polytope
-from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.margins import DECISIVE
-from tactilenlp.search.solved import Solved, best_first
 
 PAGE = polytope_violation_implicit
 

@@ -12,11 +12,11 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.hypothesis import Hypothesis, distinct, same_body
+from tactilenlp.local.local_solve import solve_further, solved_from
+from tactilenlp.local.solved import Solved, Solves, best_first
 from tactilenlp.search import multistart as starts
-from tactilenlp.search.hypothesis import Hypothesis, distinct, same_body
-from tactilenlp.search.local_solve import solve_further, solved_from
 from tactilenlp.search.multistart import freed_levels, multistart
-from tactilenlp.search.solved import Solved, Solves, best_first
 
 LEVELS = freed_levels(page.LEVELS)
 

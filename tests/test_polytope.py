@@ -21,13 +21,13 @@ from tactilenlp import Problem
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
 from tactilenlp.geometry.convex_hull import nearest_points, unseen_ball
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.local_solve import with_vertices_on_hull
 from tactilenlp.problem.polytope_window import (
     hull_moments,
     support_shares,
     supporting_vertices,
 )
-from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.local_solve import with_vertices_on_hull
 from tactilenlp.search.polytope_init import closing_halfspaces
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm

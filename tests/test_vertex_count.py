@@ -23,11 +23,11 @@ from tactilenlp.information.polytope_information import (
     occam_of_vertices,
 )
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.local_solve import built_page
 from tactilenlp.nlp.diagnostics import check
 from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search import polytope_init
-from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.polytope_init import likeliest, search_polytope
 
 CUBE = 0.02 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T

@@ -33,8 +33,8 @@ from tactilenlp.geometry.faces import touched_faces
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
+from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.term_functions import default_cache
-from tactilenlp.search.hypothesis import Hypothesis
 
 A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion

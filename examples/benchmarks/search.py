@@ -127,8 +127,8 @@ def solved_along(data, scene, theta, position, quaternion) -> float:
     from tactilenlp import Options
     from tactilenlp.interface.options import Session
     from tactilenlp.interface.request import read_request
-    from tactilenlp.search.hypothesis import Hypothesis
-    from tactilenlp.search.local_solve import solved_from
+    from tactilenlp.local.hypothesis import Hypothesis
+    from tactilenlp.local.local_solve import solved_from
 
     page, n = "violation_implicit", data.samples
     request, _ = read_request(

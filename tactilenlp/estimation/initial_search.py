@@ -16,10 +16,10 @@ from ..data.joint_offsets import JointZeros
 from ..geometry.transforms import move_poses, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
+from ..local.hypothesis import Hypothesis, Job
+from ..local.local_solve import built_page
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import built_page
 from ..search.multi_hypothesis import TrackingSearch
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (

@@ -16,6 +16,9 @@ from functools import partial
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
+from ..local.hypothesis import Hypothesis, Job, distinct, same_body
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import Solved, comparable
 from ..refinement.axis_names import with_named_axes
 from ..refinement.certification import checked, with_profiles
 from ..refinement.incremental import continues, of_whole_actions, updated_by_few
@@ -37,9 +40,6 @@ from ..refinement.refinement import (
     refined,
     update_costs_too_much,
 )
-from ..search.hypothesis import Hypothesis, Job, distinct, same_body
-from ..search.margins import LEAST_MOTION_BEHIND
-from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
 from .initial_search import (
     SEARCH_END,

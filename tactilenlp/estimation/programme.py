@@ -10,11 +10,11 @@ from ..data.sensor_noise import smooth_paths
 from ..errors import OptionError
 from ..interface.options import Options
 from ..interface.result import solution_of
+from ..local.hypothesis import Job, TermFunctions
+from ..local.local_solve import built_page
+from ..local.solved import Solved
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Job, TermFunctions
-from ..search.local_solve import built_page
-from ..search.solved import Solved
 
 
 def class_and_page(estimate, shape=None, formulation=None) -> tuple:

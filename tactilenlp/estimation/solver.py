@@ -20,11 +20,11 @@ from ..interface.options import PROCESS, Guess, Options, Session
 from ..interface.readout import read_off
 from ..interface.request import Request, read_request
 from ..interface.result import Estimate
+from ..local.solved import Solved
 from ..refinement.certification import certified
 from ..refinement.incremental_polytope import updated
 from ..refinement.model_selection import classes_of, likeliest_class
 from ..search.proposals_poses import on_poses
-from ..search.solved import Solved
 from .coarse_to_fine import coarse_rows, optima_of_dense
 from .interrupted import Incumbents, interrupted, not_solved, raise_unless_good
 from .optima import CERTIFICATES_END, optima_of

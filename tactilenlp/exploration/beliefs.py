@@ -25,8 +25,8 @@ from ..data.contact_segments import intervals
 from ..information.comparisons import sample_information
 from ..information.tangent_space import rotations, tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
+from ..local.hypothesis import Hypothesis, distinct
 from ..problem.poses import rotations_on_ground
-from ..search.hypothesis import Hypothesis, distinct
 
 log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch

@@ -25,10 +25,10 @@ from ..data.sensor_noise import (
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
+from ..local.hypothesis import Hypothesis, Job, TermFunctions
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
-from ..search.hypothesis import Hypothesis, Job, TermFunctions
 from ..search.proposals_poses import as_polytope
 from .options import Guess, Options, Session
 from .result import Estimate

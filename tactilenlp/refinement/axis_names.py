@@ -16,11 +16,11 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import GROUND
 
 from ..geometry.transforms import is_planar, matrices, rotvecs
+from ..local.hypothesis import Hypothesis, rotation_at
+from ..local.local_solve import built_page, in_motion_of, warm_started
+from ..local.margins import UNCHANGED
+from ..local.solved import Solved
 from ..problem.pages import FORMULATIONS, name_of
-from ..search.hypothesis import Hypothesis, rotation_at
-from ..search.local_solve import built_page, in_motion_of, warm_started
-from ..search.margins import UNCHANGED
-from ..search.solved import Solved
 from ..solvers.solution import evaluated
 
 log = logging.getLogger("tactilenlp")

@@ -10,14 +10,14 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+from ..local.local_solve import solved_from, warm_started
+from ..local.margins import RESTORED
+from ..local.solved import Solved
 from ..problem.certificates import Certificates, certify
 from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
-from ..search.local_solve import solved_from, warm_started
-from ..search.margins import RESTORED
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
-from ..search.solved import Solved
 from .newton_steps import with_ground_tilt
 from .profile_likelihood import PROFILE_MU, profiled
 from .tilt import explained, with_tilt

@@ -13,13 +13,13 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..interface.result import Estimate, solution_of
+from ..local.hypothesis import Hypothesis, Job, same_body
+from ..local.local_solve import built_page, solved_from, warm_start
+from ..local.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
+from ..local.solved import BuiltPage, Solved, Solves, best_first
 from ..problem.pages import name_of
 from ..problem.reductions import Reductions
 from ..problem.unreduced import LEFT_OUT
-from ..search.hypothesis import Hypothesis, Job, same_body
-from ..search.local_solve import built_page, solved_from, warm_start
-from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
-from ..search.solved import BuiltPage, Solved, Solves, best_first
 from ..solvers.solution import Solution
 
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known

@@ -20,23 +20,23 @@ from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..nlp.problem import Problem
-from ..problem.outliers import MIN_OF_TOUCH, unexplained
-from ..problem.polytope_window import PolytopeWindow, window_of
-from ..problem.reductions import Reductions, coasts
-from ..problem.unreduced import corners_of, rows_of, samples_of
-from ..problem.window import Corners
-from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import solve_further, warm_started
-from ..search.plane_slam import poses_of_new_action
-from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
-from ..search.solved import (
+from ..local.hypothesis import Hypothesis, Job
+from ..local.local_solve import solve_further, warm_started
+from ..local.solved import (
     ACCEPTABLE,
     BuiltPage,
     Solved,
     best_first,
     search_settings,
 )
+from ..nlp.problem import Problem
+from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..problem.polytope_window import PolytopeWindow, window_of
+from ..problem.reductions import Reductions, coasts
+from ..problem.unreduced import corners_of, rows_of, samples_of
+from ..problem.window import Corners
+from ..search.plane_slam import poses_of_new_action
+from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
 from ..solvers.solution import Solution, after
 from .incremental import (
     UPDATE_MU,

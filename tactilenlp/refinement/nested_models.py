@@ -28,12 +28,12 @@ from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import Misfit, touch_misfit
 from ..information.mixture import occam_of
 from ..information.sensitivity import kkt_residual
+from ..local.local_solve import built_page, warm_start, warm_started
+from ..local.margins import DECISIVE, UNCHANGED
+from ..local.solved import Solved, best_first
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
-from ..search.local_solve import built_page, warm_start, warm_started
-from ..search.margins import DECISIVE, UNCHANGED
 from ..search.multistart import FREED_MU
-from ..search.solved import Solved, best_first
 from ..tracking.box_states import body_height
 
 log = logging.getLogger("tactilenlp")

@@ -26,9 +26,9 @@ from ..information.consider_parameters import Doubt, late_touches
 from ..information.error_budget import Linearisation
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
-from ..search.local_solve import solve_further, warm_started
-from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
-from ..search.solved import Solved, best_first
+from ..local.local_solve import solve_further, warm_started
+from ..local.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
+from ..local.solved import Solved, best_first
 from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")

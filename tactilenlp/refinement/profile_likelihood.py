@@ -40,10 +40,10 @@ from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
-from ..search.hypothesis import Hypothesis, resized, rotation_at
-from ..search.local_solve import RANKING_TOLERANCE
-from ..search.margins import PROFILE_RISE
-from ..search.solved import Solved, settings_of
+from ..local.hypothesis import Hypothesis, resized, rotation_at
+from ..local.local_solve import RANKING_TOLERANCE
+from ..local.margins import PROFILE_RISE
+from ..local.solved import Solved, settings_of
 from ..solvers.solve import solve_levels
 from .profile_deviation import Profile
 

@@ -19,12 +19,12 @@ import numpy as np
 from formulations import quasi_static
 
 from ..common.threads import on_one_thread
+from ..local.hypothesis import Hypothesis, Job, same_body
+from ..local.local_solve import built_page
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import LEVEL_TIME
 from ..solvers.options import SolverOptions
 from ..tracking.geometry import geometry_of
-from .hypothesis import Hypothesis, Job, same_body
-from .local_solve import built_page
-from .margins import LEAST_MOTION_BEHIND
-from .solved import LEVEL_TIME
 
 log = logging.getLogger("tactilenlp")
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own

@@ -20,6 +20,8 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import move_poses
+from ..local.hypothesis import Hypothesis, Job, distinct, diverse_starts, same_body
+from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
 from ..tracking.box_states import (
     body_height,
@@ -38,9 +40,7 @@ from ..tracking.tracks import (
     new_tracks,
     parts_of,
 )
-from .hypothesis import Hypothesis, Job, distinct, diverse_starts, same_body
 from .least_motion import ROUND, Executor, from_posterior, least_motion
-from .margins import DECISIVE
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most

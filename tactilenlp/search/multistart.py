@@ -16,16 +16,16 @@ from formulations.indentation import NAME as COMPLIANCE
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from .hypothesis import same_body
-from .local_solve import (
+from ..local.hypothesis import same_body
+from ..local.local_solve import (
     RANKING_TOLERANCE,
     built_page,
     in_motion_of,
     level_groups,
     solved_from,
 )
-from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
-from .solved import Solves, best_first
+from ..local.margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
+from ..local.solved import Solves, best_first
 
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses

@@ -24,11 +24,11 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
+from ..local.solved import search_settings
 from ..problem.planes_window import contact_points, of_new_action, planes_window
 from ..problem.reductions import reduce
 from ..solvers.solve import solve_levels
 from ..tracking.felt_pushes import pushed_paths
-from .solved import search_settings
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most

@@ -33,17 +33,17 @@ from ..geometry.convex_hull import (
     with_counts,
     without_touch,
 )
+from ..local.hypothesis import Hypothesis
+from ..local.local_solve import built_page
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import Solved, search_settings
 from ..problem.reductions import Reductions, reduce
-from .hypothesis import Hypothesis
-from .local_solve import built_page
-from .margins import LEAST_MOTION_BEHIND
 from .plane_slam import (
     Faces,
     extended_faces,
     merged_faces,
     touched_halfspaces,
 )
-from .solved import Solved, search_settings
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far

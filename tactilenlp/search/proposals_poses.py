@@ -18,10 +18,10 @@ from ..geometry.transforms import (
     rotate_planar,
     rotvecs_back,
 )
+from ..local.hypothesis import Hypothesis
 from ..problem.poses import rotations_on_ground, upright_poses
 from ..tracking.geometry import upright_surface
 from ..tracking.tracks import GAP_SIGMA, NORMAL_SIGMA
-from .hypothesis import Hypothesis
 
 START_TURNS = 8  # about the vertical, from which a body is fitted to poses
 SMALL_BODY = 0.5  # [mean of the prior] all fingers are outside of it

@@ -20,12 +20,12 @@ from formulations import quasi_static
 from ..data.contact_segments import intervals
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import matrices, move_poses, rotate_planar, rotvecs
+from ..local.hypothesis import Hypothesis, distinct
+from ..local.solved import BuiltPage
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
 from ..tracking.box_states import BELOW_TOP
-from .hypothesis import Hypothesis, distinct
 from .multi_hypothesis import TrackingSearch, smoothed_tracks
-from .solved import BuiltPage
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
