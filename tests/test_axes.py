@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
-from tactilenlp.local.hypothesis import Hypothesis, rotation_at, same_body
+from tactilenlp.local.hypothesis import Hypothesis, same_body
 from tactilenlp.refinement.axis_names import naming, turned
+from tactilenlp.tracking.surface import rotation_at
 
 
 def named(shape, h, like=None):

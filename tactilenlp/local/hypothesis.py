@@ -24,7 +24,7 @@ from ..common.layout import ANY
 from ..data.measurements import Measurements
 from ..data.scene import Scene
 from ..data.sensor_noise import Precision, latency_cost, with_fingers_earlier
-from ..geometry.transforms import is_planar, matrices, planar_matrix
+from ..geometry.transforms import is_planar, matrices
 from ..information.measurement_noise import KNOWN_FACE
 from ..nlp.problem import Problem
 from ..problem.reductions import Reductions
@@ -266,12 +266,6 @@ def same_body(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
     pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
     return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)
-
-
-def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:
-    """Return the rotation (3, 3) of a body at a sample, planar or free."""
-    x = h.x[:, sample]
-    return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
 
 
 def resized(hypothesis, axis: int, size: float, touched):

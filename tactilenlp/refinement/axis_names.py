@@ -16,12 +16,13 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import GROUND
 
 from ..geometry.transforms import is_planar, matrices, rotvecs
-from ..local.hypothesis import Hypothesis, rotation_at
+from ..local.hypothesis import Hypothesis
 from ..local.local_solve import built_page, in_motion_of, warm_started
 from ..local.margins import UNCHANGED
 from ..local.solved import Solved
 from ..problem.pages import FORMULATIONS, name_of
 from ..solvers.solution import evaluated
+from ..tracking.surface import rotation_at
 
 log = logging.getLogger("tactilenlp")
 UNEQUAL = np.array([0.8, 1.0, 1.25])  # [-] of the mean side, where names are compared

@@ -76,9 +76,12 @@ def trajectory_outline(shape, h, every: int) -> np.ndarray:
 def supports(shape, h, sample: int) -> np.ndarray:
     """Return the support function (38,) [m] of a body at a sample, ground frame."""
     x = h.x[:, sample]
-    if is_planar(h.x):
-        p, R = np.r_[x[:2], float(shape.rest_height(h.theta))], planar_matrix(x[2])
-    else:
-        p, R = x[:3], matrices(x[:, None])[0]
-    points = body_surface(shape, h.theta, OUTLINE_RAYS) @ R.T + p
+    p = np.r_[x[:2], float(shape.rest_height(h.theta))] if is_planar(h.x) else x[:3]
+    points = body_surface(shape, h.theta, OUTLINE_RAYS) @ rotation_at(h, sample).T + p
     return (EVERYWHERE @ points.T).max(axis=1)
+
+
+def rotation_at(h, sample: int) -> np.ndarray:
+    """Return the rotation (3, 3) of a body at a sample, planar or free."""
+    x = h.x[:, sample]
+    return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
