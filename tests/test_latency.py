@@ -13,9 +13,9 @@ from tactilenlp.data.sensor_noise import (
     Precision,
     latency_cost,
     precision_of,
+    reported_late,
     shift_in_time,
     shift_rotations,
-    told_later,
     with_fingers_earlier,
 )
 from tactilenlp.errors import MistakeError, SceneError
@@ -109,11 +109,11 @@ def test_fingers_are_where_they_were_and_the_rest_stays(recorded):
 
 def test_what_late_sensors_tell_later_are_the_last_samples_of_actions(recorded):
     data, *_ = recorded
-    assert not len(told_later(data, 0.0))
+    assert not len(reported_late(data, 0.0))
     ends = np.flatnonzero(np.diff(data.action, append=data.actions))
-    assert told_later(data, 0.5 * SAMPLE).tolist() == ends.tolist()
+    assert reported_late(data, 0.5 * SAMPLE).tolist() == ends.tolist()
     two = np.sort(np.r_[ends - 1, ends])
-    assert told_later(data, 1.5 * SAMPLE).tolist() == two.tolist()
+    assert reported_late(data, 1.5 * SAMPLE).tolist() == two.tolist()
 
 
 def test_a_latency_costs_its_prior_unless_it_was_told(recorded):

@@ -13,7 +13,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.hypothesis import Hypothesis, distinct, same_body
-from tactilenlp.local.local_solve import solve_further, solved_from
+from tactilenlp.local.local_solve import continuation, solved_from
 from tactilenlp.local.solved import Solved, Solves, best_first
 from tactilenlp.search import multistart as starts
 from tactilenlp.search.multistart import freed_levels, multistart
@@ -123,14 +123,14 @@ def test_provisional_solves_count_as_long_as_there_is_no_other():
 def test_continuation_ends_in_an_optimum_of_the_page(case):
     job, h = case
     solved = multistart(job, [h], LEVELS)
-    again = solve_further(job, solved[0])
+    again = continuation(job, solved[0])
     assert again.solution.success
     assert again.solution.parameters == solved[0].solution.parameters
     assert again.solution.objective < solved[0].solution.objective + 0.5
 
 
 def test_a_page_without_easier_levels_has_no_continuation(case):
-    assert solve_further(replace(case[0], page=quasi_static), None) is None
+    assert continuation(replace(case[0], page=quasi_static), None) is None
 
 
 def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):

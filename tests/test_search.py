@@ -14,7 +14,7 @@ from tactilenlp.estimation.initial_search import ContactFrame, initial_hypothese
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
 from tactilenlp.local.hypothesis import diverse_starts, same_body
-from tactilenlp.search.least_motion import least_motion, unseen
+from tactilenlp.search.least_motion import least_motion, unseen_optima
 from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.box_states import body_height
 from tactilenlp.tracking.geometry import geometry_of
@@ -157,10 +157,10 @@ def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
 
 def test_a_search_ends_where_no_optimum_is_expected_besides_those_seen():
     """By hand: w (w + 1) / (n - w - 2) of Boender and Rinnooy Kan, 1987."""
-    assert unseen(8, 1) == pytest.approx(2 / 5)
-    assert unseen(17, 2) == pytest.approx(6 / 13)
-    assert unseen(4, 2) == np.inf  # too few starts to expect anything
-    assert unseen(9, 1) < unseen(8, 1) < unseen(8, 2)
+    assert unseen_optima(8, 1) == pytest.approx(2 / 5)
+    assert unseen_optima(17, 2) == pytest.approx(6 / 13)
+    assert unseen_optima(4, 2) == np.inf  # too few starts to expect anything
+    assert unseen_optima(9, 1) < unseen_optima(8, 1) < unseen_optima(8, 2)
 
 
 def test_least_motion_ends_early_where_all_starts_come_to_one_optimum(estimate, caplog):

@@ -79,7 +79,7 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
         )  # fmt: skip
 
 
-def suspected(data: Measurements, scene: Scene) -> str:
+def suspicion(data: Measurements, scene: Scene) -> str:
     """Return in words a mistake in data that fit no body well; "" where none is likely.
 
     Its gain need not be enough to refuse the data before they are solved.

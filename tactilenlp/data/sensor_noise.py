@@ -245,7 +245,7 @@ def shift_in_time(
     return out
 
 
-def told_later(data: Measurements, latency: float) -> np.ndarray:
+def reported_late(data: Measurements, latency: float) -> np.ndarray:
     """Return the samples (n,) of which late sensors tell only after their action."""
     last = np.searchsorted(data.action, data.action, side="right") - 1
     return np.flatnonzero(data.time > data.time[last] - latency)

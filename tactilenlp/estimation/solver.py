@@ -24,7 +24,7 @@ from ..local.solved import Solved
 from ..refinement.certification import certified
 from ..refinement.incremental_polytope import updated
 from ..refinement.model_selection import classes_of, likeliest_class
-from ..search.proposals_poses import on_poses
+from ..search.proposals_poses import body_on_poses
 from .coarse_to_fine import coarse_rows, optima_of_dense
 from .interrupted import Incumbents, interrupted, not_solved, raise_unless_good
 from .optima import CERTIFICATES_END, optima_of
@@ -98,7 +98,7 @@ class ClassSolver:
             return self._of_request(*self._read(scene, shape, options, poses))
         request, hypotheses = self._read(scene, shape, options, None)
         job = request.job.as_late_as(poses.sensors)
-        hypothesis = on_poses(job, poses)
+        hypothesis = body_on_poses(job, poses)
         if hypothesis is None or hypothesis.objective > most:
             return None
         request = replace(request, job=job.with_search(hypothesis=hypothesis))

@@ -35,7 +35,7 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, next_action, shape_of_start
-from .sweep import check_reach, check_world, executed, first_touch
+from .sweep import TouchedWorld, check_reach, check_world, execute, first_touch
 
 log = logging.getLogger("tactilenlp")
 
@@ -74,7 +74,7 @@ def explore(
     FileError too while another process explores into this file.
     """
     settings = ExploreOptions.of(settings, positional, keywords)
-    loop = _prepared(world, scene, settings, file, start, executor)
+    loop = _loop_of(world, scene, settings, file, start, executor)
     # Steps that a folder has, which cannot be written, are read without a world.
     written = file is not None and (world is not None or can_be_written(file))
     with locked(file) if written else nullcontext():
@@ -94,15 +94,15 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
         before = None if estimate is None else estimate.measurements
         if step is None:
             _warn_of_another_state(world, exploration)
-            step = loop.acted(number, estimate, past)
+            step = loop.act(number, estimate, past)
         if step.estimate is None:  # measured now, or the process ended in the solve
             step = continued_in_time(step, before, again)
-            exploration = _saved(exploration.with_step(step), file)
+            exploration = _save(exploration.with_step(step), file)
         data = step.measurements
         data = data if before is None else before.append(data)
         if step.estimate is None:
-            step = loop.estimated(step, data, estimate or start)
-            exploration = _saved(exploration.with_step(step), file)
+            step = loop.with_estimate(step, data, estimate or start)
+            exploration = _save(exploration.with_step(step), file)
         check_same(step.estimate, data, loop.same, file)
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
@@ -122,14 +122,14 @@ class _Loop:
     estimates, their possible shapes and formulations, by name.
     """
 
-    world: object
+    world: TouchedWorld | None
     space: Workspace
     settings: ExploreOptions
     shapes: list
     solve: Callable
     same: dict
 
-    def acted(self, number: int, estimate, past) -> Step:
+    def act(self, number: int, estimate, past) -> Step:
         """Return the step of a first touch or a chosen action, without estimate."""
         if self.world is None:
             raise OptionError(
@@ -146,11 +146,11 @@ class _Loop:
                 estimate, space, past, rng, self.settings, self.shapes
             )
             acts, path = time.process_time(), action.trajectory(target)
-            data, paths = executed(world, path), (path,)
+            data, paths = execute(world, path), (path,)
         seconds = {"choose": acts - began, "act": time.process_time() - acts}
         return Step(number, action, data, None, choice, words, seconds, paths)
 
-    def estimated(self, step: Step, data, start) -> Step:
+    def with_estimate(self, step: Step, data, start) -> Step:
         """Return the step with the estimate of all data so far and its errors."""
         began = time.process_time()
         estimate = self.solve(data, start=start)
@@ -159,7 +159,7 @@ class _Loop:
         return replace(step, estimate=estimate, seconds=seconds, errors=errors)
 
 
-def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
+def _loop_of(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
     """Return what the steps need; raise for unusable arguments."""
     if world is not None:  # none is needed for actions that the file has
         check_world(world)
@@ -224,7 +224,7 @@ def _warn_of_another_state(world, kept: Exploration) -> None:
         )
 
 
-def _saved(kept: Exploration, file) -> Exploration:
+def _save(kept: Exploration, file) -> Exploration:
     """Save the steps so far, if there is a file; return them."""
     if file is not None:
         kept.save(file)

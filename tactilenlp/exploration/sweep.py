@@ -87,13 +87,13 @@ def first_touch(world, space: Workspace, centre, rng):
         centre = aim(space, centre)
         action = space.random(rng, alone, centre)
         trajectories.append(action.trajectory(centre))
-        data = executed(world, trajectories[-1])
+        data = execute(world, trajectories[-1])
         if lasting_touch(data):
             return action, data, tuple(trajectories)
         log.warning("no contact at the given centre: sweeping the workspace")
     for trajectory in sweep(space, centre):
         trajectories.append(trajectory)
-        data = executed(world, trajectory)
+        data = execute(world, trajectory)
         if lasting_touch(data):
             return None, data, tuple(trajectories)
     raise NoContactError(
@@ -126,7 +126,7 @@ def checked_centre(centre) -> np.ndarray:
     )  # fmt: skip
 
 
-def executed(world, trajectory) -> Measurements:
+def execute(world, trajectory) -> Measurements:
     """Return what a world measured on a trajectory; OptionError if it is nothing."""
     data = world.execute(trajectory)
     if not isinstance(data, Measurements):

@@ -245,14 +245,14 @@ def without_touch(vertices, centres, count: int) -> np.ndarray:
         apart = np.linalg.norm(centres - point, axis=1)
         each, whole = ((corners == i).any(axis=1) for i in range(len(V))), volume(V)
         lost = [
-            _lost(np.delete(V, i, axis=0), whole, centres[near], apart[near])
+            _loss(np.delete(V, i, axis=0), whole, centres[near], apart[near])
             for i, near in enumerate(each)
         ]
         V = np.delete(V, np.argmin(lost), axis=0)
     return V
 
 
-def _lost(rest, whole: float, centres, apart) -> float:
+def _loss(rest, whole: float, centres, apart) -> float:
     """Return what touches lose [nats] and the share of the volume that the rest lacks.
 
     whole [m^3]: the volume with all vertices; apart (N,) [m]: of centres from that.

@@ -89,7 +89,7 @@ def identify_body(
 
 
 def _best(steps, starts, signs, dt, scene, options):
-    """Return the most likely of several solutions, as `_solved` does.
+    """Return the most likely of several solutions, as `_solve` does.
 
     A hard ground and the first start come first, then a ground that yields in impacts,
     then all other starts on both: each only where no fit before it is good.
@@ -99,7 +99,7 @@ def _best(steps, starts, signs, dt, scene, options):
     for theta, ground in product(starts, (steps, soft)):
         if tried and options.deadline.passed("other starts", _assembly_time(options)):
             break
-        tried.append(_solved(ground, theta, signs, dt, scene, options))
+        tried.append(_solve(ground, theta, signs, dt, scene, options))
         _, window, solution, _ = tried[-1]
         if solution.success and _fit(window, solution).verdict == "good":
             break
@@ -121,7 +121,7 @@ def _fit(window, solution) -> BodyFit:
     return fit_of(solution.costs, len(window.step))
 
 
-def _solved(steps, theta, signs, dt, scene, options):
+def _solve(steps, theta, signs, dt, scene, options):
     """Return problem, window, solution and the vertices (n, V) that may touch.
 
     theta (3, columns) [m]: the start.  Raises MotionError where nothing touches.
@@ -135,10 +135,10 @@ def _solved(steps, theta, signs, dt, scene, options):
     done = None
     for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, dt)
-        problem, solution = _solved_in_time(window, scene, options)
+        problem, solution = _solve_in_time(window, scene, options)
         if done is not None and solution.iterations == 0:  # no time: the one before
             return done
-        back = _sunk(steps, solution.values, signs) & ~chosen
+        back = _too_deep(steps, solution.values, signs) & ~chosen
         if not back.any():
             break
         done = problem, window, unfinished(solution), chosen
@@ -150,7 +150,7 @@ def _solved(steps, theta, signs, dt, scene, options):
     return problem, window, solution, chosen
 
 
-def _solved_in_time(window, scene, options):
+def _solve_in_time(window, scene, options):
     """Return problem and solution: its start where there is no time for a solve."""
     strict = options.deadline.until(options.deadline.at, strict=True)
     if not strict.passed("a solve", _assembly_time(options)):
@@ -181,7 +181,7 @@ def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
         )  # fmt: skip
 
 
-def _sunk(steps, values, signs) -> np.ndarray:
+def _too_deep(steps, values, signs) -> np.ndarray:
     """Return which vertices lie below the ground in which step, (n, V)."""
     level = (values["plane"] + values["offset"]).T[steps.toss]
     p = steps.corners((values["theta"] * signs).T)[:, :, 0]

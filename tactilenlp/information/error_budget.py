@@ -66,7 +66,7 @@ from formulations.names import (
 )
 
 from ..data.ground import frame_of
-from ..data.sensor_noise import told_later
+from ..data.sensor_noise import reported_late
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import Doubt, considered
 from .error_budget_terms import (
@@ -128,7 +128,7 @@ class Linearisation:
         x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
         v, ahead, of_all = np.zeros_like(x), np.zeros_like(x), np.zeros((len(kkt.x), 3))
         v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
-        unknown = window.pose[told_later(self.job.data, latency)]
+        unknown = window.pose[reported_late(self.job.data, latency)]
         ahead[unknown] = latency * v[unknown]
         ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
         of_all[pose.span] = np.stack(ways, axis=1)

@@ -14,7 +14,7 @@ from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
-from ..data.mistakes import suspected
+from ..data.mistakes import suspicion
 from ..data.sensor_noise import shift_in_time, with_fingers_earlier
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons
@@ -101,7 +101,7 @@ def with_suspicion(fit, job, recorded):
     if job.deadline.passed("a check for mistakes", seconds):
         return fit
     data = with_fingers_earlier(recorded, job.precision.latency)
-    return replace(fit, suspected=suspected(data, job.scene))
+    return replace(fit, suspected=suspicion(data, job.scene))
 
 
 def _solved_fields(solved) -> dict:

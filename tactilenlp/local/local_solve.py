@@ -70,7 +70,7 @@ def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved
 # Warm starts: values and multipliers of an earlier solution
 
 
-def warm_start(past: Solved, built: BuiltPage) -> Solution:
+def transfer_solution(past: Solved, built: BuiltPage) -> Solution:
     """Return a solution as the start of another problem of the same data, or of more.
 
     Values and multipliers of what both problems have are kept; the page guesses the
@@ -84,7 +84,7 @@ def warm_start(past: Solved, built: BuiltPage) -> Solution:
 
 def warm_started(
     job, past: Solved, mu_init: float = RESTART_MU, hypothesis=None,
-    start: Callable = warm_start,
+    start: Callable = transfer_solution,
 ) -> Solved:  # fmt: skip
     """Solve the page's last level from an earlier solution and its multipliers.
 
@@ -115,7 +115,7 @@ def freed_to_tilt(job, slid: Solved) -> Solved:
 # Continuation: from an easier problem of the same page to the page itself
 
 
-def solve_further(job, solved: Solved) -> Solved | None:
+def continuation(job, solved: Solved) -> Solved | None:
     """Solve again by continuation from where a solve ended; None if the page has none.
 
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:

@@ -21,7 +21,9 @@ from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
 from ..problem.pages import check_unknowns
+from ..problem.polytope_window import PolytopeWindow
 from ..problem.poses import poses
+from ..problem.window import Window
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
@@ -49,7 +51,7 @@ class BuiltPage:
     """
 
     problem: Problem
-    window: object
+    window: Window | PolytopeWindow
     origin: Hypothesis | None
     seconds: float = 0.0
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..interface.result import Estimate, solution_of
 from ..local.hypothesis import Hypothesis, Job, same_body
-from ..local.local_solve import built_page, solved_from, warm_start
+from ..local.local_solve import built_page, solved_from, transfer_solution
 from ..local.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
 from ..local.solved import BuiltPage, Solved, Solves, best_first
 from ..problem.pages import name_of
@@ -70,7 +70,7 @@ def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
     """
     missing = np.full(len(built.window.pose) - len(past.window.pose), -1)
     window = replace(past.window, pose=np.r_[past.window.pose, missing])
-    return warm_start(past.with_window(window), built)
+    return transfer_solution(past.with_window(window), built)
 
 
 def updated_by_few(

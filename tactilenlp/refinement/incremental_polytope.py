@@ -21,7 +21,7 @@ from formulations.rigid_body import ARM
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
 from ..local.hypothesis import Hypothesis, Job
-from ..local.local_solve import solve_further, warm_started
+from ..local.local_solve import continuation, warm_started
 from ..local.solved import (
     ACCEPTABLE,
     BuiltPage,
@@ -73,7 +73,7 @@ def updated(job: Job, start, certified) -> tuple[Solved | None, bool]:
         return cheap and solved.solution.success and not implausible(solved)
 
     if not good(solved):
-        solved = _better(solved, solve_further(job, solved))
+        solved = _better(solved, continuation(job, solved))
     if good(solved):
         solved = certified(solved)
         before = {s.name for s in start.skipped if not s.holds}
@@ -97,7 +97,7 @@ def repaired(solves, update=None) -> list[Solved]:
     best, *others = solves
     if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _better(best, solve_further(best.job, best))
+        best = _better(best, continuation(best.job, best))
     solves = [best, *others]
     return solves if update is None else best_first([*solves, update])
 

@@ -28,7 +28,7 @@ from ..data.sensor_noise import variance_left
 from ..information.goodness_of_fit import Misfit, touch_misfit
 from ..information.mixture import occam_of
 from ..information.sensitivity import kkt_residual
-from ..local.local_solve import built_page, warm_start, warm_started
+from ..local.local_solve import built_page, transfer_solution, warm_started
 from ..local.margins import DECISIVE, UNCHANGED
 from ..local.solved import Solved, best_first
 from ..nlp.kkt import gradient, kkt_system_of
@@ -179,7 +179,7 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     that are far off are outliers, which cost the same wherever they are.
     """
     built = built_page(job, solved.hypothesis)
-    problem, values = built.problem, warm_start(solved, built).values
+    problem, values = built.problem, transfer_solution(solved, built).values
     x, variable = problem.pack(values), problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
@@ -205,7 +205,7 @@ def score(job, solved: Solved, unknown: str) -> float:
     indefinite, such a step may raise it: none is gained.
     """
     built = built_page(job, solved.hypothesis)
-    problem, begun = built.problem, warm_start(solved, built)
+    problem, begun = built.problem, transfer_solution(solved, built)
     kkt = kkt_system_of(problem, begun)
     slope = kkt_residual(problem, kkt)[0][problem.variables[unknown].span]
     return max(0.0, float(slope @ kkt.marginal(unknown) @ slope / 2))

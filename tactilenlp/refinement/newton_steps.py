@@ -26,7 +26,7 @@ from ..information.consider_parameters import Doubt, late_touches
 from ..information.error_budget import Linearisation
 from ..information.mixture import occam_of
 from ..information.sensitivity import ground_tilt
-from ..local.local_solve import solve_further, warm_started
+from ..local.local_solve import continuation, warm_started
 from ..local.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
 from ..local.solved import Solved, best_first
 from .nested_models import misfit_of, needed_gain
@@ -71,7 +71,7 @@ def with_ground_for_turns(solves) -> list[Solved]:
         return solves
     ground = job.scene.ground.turned(_common_turn(best), _first_touched(best))
     aligned = job.with_reductions(aligned=True)
-    leans = solve_further(on_ground(aligned, ground), best)
+    leans = continuation(on_ground(aligned, ground), best)
     if leans is None or not leans.solution.success:
         return solves
     leans = replace(leans, declined=best.declined)

@@ -157,7 +157,7 @@ class TrackingSearch:
 
     def best_track(self) -> Hypothesis:
         """Return the best track as it is: another start than least motion."""
-        return self.out_of(self._continued[0])
+        return self.out_of(self._own_tracks[0])
 
     def _keep(self, hypotheses) -> list[Hypothesis]:
         """Return hypotheses in the other frame, and have them kept."""
@@ -170,32 +170,32 @@ class TrackingSearch:
         return least_motion(self.job, tracks, self.executor, self.optima)
 
     @cached_property
-    def _continued(self) -> list[Hypothesis]:
+    def _own_tracks(self) -> list[Hypothesis]:
         """Tracks that continue `kept`, smoothed, the best first."""
         return smoothed_tracks(self.job, self.kept, SMOOTHED, self._keep)
 
     @cached_property
     def _far_apart(self) -> list[Hypothesis]:
         """Tracks that continue `kept`, far from each other."""
-        return self._varied(self._continued)
+        return self._diverse(self._own_tracks)
 
     @cached_property
-    def _others(self) -> list[list[Hypothesis]]:
+    def _other_tracks(self) -> list[list[Hypothesis]]:
         """Tracks of other searches that the data ask for, far from each other."""
         job, kept, again = self.job, self.kept, []
-        if self._continued[0].carried:  # soft fingertips may look alike
+        if self._own_tracks[0].carried:  # soft fingertips may look alike
             stays = job.with_search(may_be_carried=False)
             again.append((stays, kept, "a search for a body that stays"))
         if kept and not precise(job.data, job.precision) and job.data.contact.any():
             # Noise leaves hypotheses open that the mixture has lost: 21 nats once.
             again.append((job, (), "a search from scratch"))
         return [
-            self._varied(smoothed_tracks(other, continued, SMOOTHED))
+            self._diverse(smoothed_tracks(other, continued, SMOOTHED))
             for other, continued, name in again
             if not job.deadline.passed(name)
         ]
 
-    def _varied(self, tracks) -> list[Hypothesis]:
+    def _diverse(self, tracks) -> list[Hypothesis]:
         """Return tracks that are far from each other."""
         return diverse_starts(self.job.shape, tracks, TRACKS_PER_START * self.count)
 
@@ -203,8 +203,8 @@ class TrackingSearch:
         """Return tracks far from each other, by every search that the data ask for."""
         job, kept, count = self.job, self.kept, TRACKS_PER_START * self.count
         late = job.deadline.passed("other tracks")
-        tracks = self._continued[:1] if late else self._far_apart
-        several = [tracks, *self._others]
+        tracks = self._own_tracks[:1] if late else self._far_apart
+        several = [tracks, *self._other_tracks]
         tracks = [h for each in zip_longest(*several) for h in each if h][:count]
         one_touch = job.data.actions == 1 and not (kept or job.search.guess)
         if one_touch and job.shape.faced:

@@ -1,7 +1,7 @@
 """Proposals from an estimate of another class: a body on the poses that it found.
 
 Sizes, and a place and a turn in the other body's frame, are fitted to all touches by
-least squares (`on_poses`).  A polytope is that other body itself (`as_polytope`).
+least squares (`body_on_poses`).  A polytope is that other body itself (`as_polytope`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BROAD = 20.0, 1.0  # [-] factors of deviations in fits to poses, in turn
 PLACE = 20e-3  # [m] typical offset of its origin
 
 
-def on_poses(job, estimate) -> Hypothesis | None:
+def body_on_poses(job, estimate) -> Hypothesis | None:
     """Return a body of the job's class that moves as an estimate of another class does.
 
     None without touches.  The objective is the cost of the touches [nats], bounded as
@@ -45,7 +45,7 @@ def on_poses(job, estimate) -> Hypothesis | None:
     normal = directions_in_body(x, t, data.normal[t, f]).T
     sigma = np.hypot(GAP_SIGMA, job.precision.position)
     sigma_n = np.hypot(NORMAL_SIGMA, job.precision.normal)
-    best = _fitted(shape, points, data.finger_radius[f], normal, sigma, sigma_n)
+    best = _fit(shape, points, data.finger_radius[f], normal, sigma, sigma_n)
     *off, turn = best.x[shape.theta :]
     place = x[:2] + rotate_planar(x[2], *np.array(off)[:, None])
     words = (f"poses of a {estimate.shape}",)
@@ -73,7 +73,7 @@ def as_polytope(estimate, scene, samples: int | None = None) -> Hypothesis:
     return Hypothesis(vertices.ravel(), x, estimate.objective, (estimate.shape,))
 
 
-def _fitted(shape, points, radius, normal, sigma, sigma_n):
+def _fit(shape, points, radius, normal, sigma, sigma_n):
     """Return the best fit of sizes, place and turn: scipy's result of least squares.
 
     points (3, N): centres of fingers [m] in a frame on the ground, where the body is;

@@ -13,6 +13,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from formulations.shape import Shape
+
 from .mapped import MappedFunction, map_columns, of_columns
 
 EDGE_SHARE = 0.1  # [radius] rounding of edges, as in pages
@@ -66,7 +68,7 @@ class Geometry:
     unit (n,): typical size of a change of each size, in that of a cuboid's side.
     """
 
-    shape: object
+    shape: Shape
     unit: np.ndarray
     _contact: MappedFunction
     _height: MappedFunction

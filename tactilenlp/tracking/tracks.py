@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.deadline import Deadline
 from ..data.contact_segments import lasting_contacts
+from ..data.measurements import Measurements
 from ..data.scene import typical_friction
 from ..errors import MotionError
 from ..problem.missing_samples import unseen_contact
@@ -83,7 +84,7 @@ class KalmanFilter:
     a predicted motion.
     """
 
-    data: object
+    data: Measurements
     felt: np.ndarray
     hidden: np.ndarray
     noise: tuple[float, float]
