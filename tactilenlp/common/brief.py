@@ -25,10 +25,8 @@ def as_html(thing) -> str:
     """Return what a notebook shows of a dataclass: summary, if it has one, fields."""
     head = thing.summary() if hasattr(thing, "summary") else type(thing).__name__
     text = f"<p>{html.escape(head)}</p>".replace("\n", "<br>")
-    names = [f.name for f in fields(thing)]
-    words = (html.escape(_in_words(getattr(thing, name))) for name in names)
-    pairs = zip(names, words, strict=True)
-    cells = (f"<tr><th>{name}</th><td>{words}</td></tr>" for name, words in pairs)
+    pairs = ((f.name, _in_words(getattr(thing, f.name))) for f in fields(thing))
+    cells = (f"<tr><th>{n}</th><td>{html.escape(v)}</td></tr>" for n, v in pairs)
     return f"{text}<table>{''.join(cells)}</table>"
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..data.contact_segments import first_contact, lasting_contacts
+from ..geometry.transforms import rotate_planar
 
 DRAWN = 1000  # boxes that explain the first touch; 300 miss some
 SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
@@ -87,8 +88,7 @@ def places_of(a, b, contact, rng) -> np.ndarray:
         yaw = np.arctan2(n[1], n[0]) + turn
         along = np.where(on_face, rng.uniform(-0.5, 0.5, count), -0.5)
         u, v = a / 2, along * b
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([p[0] - c * u + s * v, p[1] - s * u - c * v, yaw])
+    return np.vstack([*rotate_planar(yaw, -u, -v, origin=p), yaw])
 
 
 def body_height(data, shape, otherwise: float, sigma: float) -> float:
