@@ -30,8 +30,8 @@ from tactilenlp.local.hypothesis import Hypothesis, same_body
 from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.search.proposals_floating import search_plane
-from tactilenlp.tracking.box_states import from_guess
 from tactilenlp.tracking.geometry import geometry_of
+from tactilenlp.tracking.initial_states import from_guess
 from tactilenlp.tracking.surface import body_surface
 
 SCENE = Scene(mass=0.5, friction_ground=0.3, friction_finger=0.5)

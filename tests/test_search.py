@@ -16,8 +16,8 @@ from tactilenlp.interface.request import read_request
 from tactilenlp.local.hypothesis import diverse_starts, same_body
 from tactilenlp.search.least_motion import least_motion, unseen_optima
 from tactilenlp.search.multi_hypothesis import TrackingSearch
-from tactilenlp.tracking.box_states import body_height
 from tactilenlp.tracking.geometry import geometry_of
+from tactilenlp.tracking.initial_states import body_height
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
 
 

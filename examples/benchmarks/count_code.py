@@ -13,8 +13,8 @@ from pathlib import Path, PurePosixPath
 
 FOLDER = Path(__file__).resolve().parent
 PARTS = {  # packages now, modules of tactilenlp before there were packages
-    "search": "search local tracking  rivals search hypothesis guess trial solving race "
-    "planes polytopes carving profile extend floating tumble",
+    "search": "search local tracking  rivals search hypothesis guess trial solving "
+    "race planes polytopes carving profile extend floating tumble",
     "estimation": "estimation refinement interface  hull_update unfinished observed "
     "options readout refine request result estimate",
 }

@@ -30,7 +30,7 @@ from ..search.proposals_floating import (
     with_faces_tracked,
     with_tilted_normals,
 )
-from ..tracking.box_states import TOP_TILT
+from ..tracking.initial_states import TOP_TILT
 from .interrupted import Incumbents
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends

@@ -163,14 +163,15 @@ def centroid(points) -> np.ndarray:
     return middle + volumes @ fans.mean(axis=1) * 0.75 / volumes.sum()
 
 
-def fitted_ball(points, size, height=CENTRE_HEIGHT) -> Ball:
-    """Return the ball fitted by least squares to contact points (n, 3) [m].
+def unseen_ball(points, size, ground) -> Ball:
+    """Return the ball that stands for the untouched side, fitted to contact points.
 
-    size: prior mean and standard deviation [m] of its radius; height: those [radii] of
-    its centre over z = 0.  Contact points lie in the middle of faces more often than at
-    corners, hence more often inside the ball: SIGMA_INSIDE, SIGMA_OUTSIDE.
+    By least squares; points (n, 3) [m]; size: prior mean and standard deviation [m] of
+    its radius; ground: whether there is one.  Contact points lie in the middle of faces
+    more often than at corners, hence more often inside: SIGMA_INSIDE, SIGMA_OUTSIDE.
     """
     mean, deviation = size
+    height = CENTRE_HEIGHT if ground else FLOATING_HEIGHT
     often = np.sqrt(max(1.0, len(points) / INDEPENDENT_TOUCHES))
 
     def residual(z):
@@ -274,8 +275,3 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
     """
     caps = ball.caps(points)
     return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
-
-
-def unseen_ball(points, size, ground) -> Ball:
-    """Return the ball that stands for the untouched side of the body."""
-    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)

@@ -34,7 +34,7 @@ from ..local.solved import Solved, best_first
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
 from ..search.multistart import FREED_MU
-from ..tracking.box_states import body_height
+from ..tracking.initial_states import body_height
 
 log = logging.getLogger("tactilenlp")
 

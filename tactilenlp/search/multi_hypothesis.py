@@ -23,14 +23,13 @@ from ..geometry.transforms import move_poses
 from ..local.hypothesis import Hypothesis, Job, distinct, diverse_starts, same_body
 from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
-from ..tracking.box_states import (
+from ..tracking.carried import carried_away, with_carried
+from ..tracking.initial_states import (
     body_height,
-    box_states,
     from_guess,
+    initial_states,
     mid_face_guess,
 )
-from ..tracking.carried import carried_away, with_carried
-from ..tracking.surface_states import surface_states
 from ..tracking.tracking import smoothed_states, tracks_after
 from ..tracking.tracks import (
     KalmanFilter,
@@ -278,10 +277,8 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
         name = "track"
         if (guess := job.search.guess) is not None:
             (name,), (z, P) = guess.path, from_guess(guess.end, ekf.geometry, rng)
-        elif job.shape.faced:
-            z, P = box_states(ekf.data, job.shape, rng, sigma)
         else:
-            z, P = surface_states(ekf.data, job.shape, rng)
+            z, P = initial_states(ekf.data, job.shape, rng, sigma)
         none = np.zeros(z.shape[1], int)
         return new_tracks(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]

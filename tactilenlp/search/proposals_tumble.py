@@ -24,7 +24,7 @@ from ..local.hypothesis import Hypothesis, distinct
 from ..local.solved import BuiltPage
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
-from ..tracking.box_states import BELOW_TOP
+from ..tracking.initial_states import BELOW_TOP
 from .multi_hypothesis import TrackingSearch, smoothed_tracks
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping

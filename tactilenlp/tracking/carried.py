@@ -17,7 +17,7 @@ import numpy as np
 from formulations.between_actions import CAUCHY, GAP
 
 from ..data.contact_segments import first_contact
-from .box_states import START_SIGMA, places_of
+from .initial_states import START_SIGMA, places_of
 from .tracking import between_actions, tracks_after
 from .tracks import KalmanFilter, Tracks
 
