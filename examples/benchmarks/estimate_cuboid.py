@@ -31,7 +31,6 @@ from tactilenlp.data.sensor_noise import precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
 from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.term_functions import default_cache
@@ -132,7 +131,7 @@ def compare(estimate, truth) -> dict:
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
             row[f"{part}_{axis}_ratio"] = abs(e) / s
-    faces = touched_faces(data, truth.quaternion[: last + 1], FACE_COSINE)
+    faces = touched_faces(data, truth.quaternion[: last + 1])
     faces[2, 0] += KNOWN_FACE  # the ground touches -z
     row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= KNOWN_FACE) for i in range(3)}
     return row | {"unobserved": "; ".join(estimate.information.unobserved)}

@@ -45,7 +45,6 @@ from .trajectory import (
     turned_with_ground,
 )
 
-FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 POSE = {"position": slice(3), "rotation": slice(3, 6)}  # in `path` and `ground`
 MAX_NAMES = 4  # unknowns that name a direction
 

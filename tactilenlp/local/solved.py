@@ -13,7 +13,6 @@ from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
-from ..information.information import FACE_COSINE
 from ..information.mixture import LocalOptimum, optimum_of
 from ..information.polytope_information import occam_of_hull, tangent_space_of_hull
 from ..information.tangent_space import TangentSpace, tangent_space_of
@@ -156,7 +155,7 @@ class Solved:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, window = self.at, self.window
         _, quaternion = poses(window.shape, window.motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, quaternion, FACE_COSINE)
+        return touched_faces(self.job.data, quaternion)
 
     @property
     def at(self) -> Hypothesis:
