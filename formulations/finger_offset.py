@@ -41,7 +41,7 @@ def displaced(nlp, window, scene):
     e = nlp.variables[NAME] if NAME in nlp.variables else declare(nlp, window, scene)
 
     def above_offset(rows, p_wf):
-        data = p_wf if joints is None else joints.beside(p_wf, rows.finger)
+        data = p_wf if joints is None else joints.with_numbers(p_wf, rows.finger)
         return e[:, rows.finger].below(data)
 
     finger = (with_offset if joints is None else with_joint_zeros)(window.finger)

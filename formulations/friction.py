@@ -13,7 +13,8 @@ import casadi as ca
 from . import contact
 from .names import EXACT
 
-FRICTION, DEVIATION = 0.4, 0.3  # [1] prior of a coefficient: dry rubber, wood, metal
+# [1] prior of a coefficient: dry rubber, wood, metal
+FRICTION_MEAN, FRICTION_SIGMA = 0.4, 0.3
 # [nats] for an impulse of one weight: with 0.001 solves take 1.7 times the iterations,
 # with 0.3 sizes that only forces tell are twice as far off (results/EXPERIMENTS.md).
 LEAST = 1e-2
@@ -43,11 +44,11 @@ def friction(nlp, name, value):
     if value is not None:
         return nlp.parameter(name, value)
     mu = nlp.variable(
-        name, 1, lower=0.01, upper=2.0, guess=FRICTION, unit="1", scale=0.1
+        name, 1, lower=0.01, upper=2.0, guess=FRICTION_MEAN, unit="1", scale=0.1
     )
     nlp.minimize(
         f"{name} prior",
-        lambda mu: ((mu - FRICTION) / DEVIATION) ** 2 / 2,
+        lambda mu: ((mu - FRICTION_MEAN) / FRICTION_SIGMA) ** 2 / 2,
         mu,
         role="prior",
     )

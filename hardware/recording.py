@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from tactilenlp.common.whole_file import opened
+from tactilenlp.common.whole_file import open_file
 
 from .bus_files import DAMAGED, FORMATS, read_frames
 from .clock import ClockMap, unwrap
@@ -44,7 +44,7 @@ class Recording:
         others = OSError, ValueError, KeyError, TypeError, RecursionError
         fix = "`python -m hardware record`"
         with translated(RecordingError, "no recording", path, fix, others):
-            with opened(path, RecordingError) as stream:
+            with open_file(path, RecordingError) as stream:
                 self.manifest = json.load(stream)
             form, rig = self.manifest["format"], self.manifest["rig"]
             self.complete = self.manifest["complete"] is True
@@ -137,7 +137,7 @@ class Recording:
 
     def _read(self, name: str) -> bytes:
         path = self.folder / name
-        with _reading(path, OSError), opened(path, RecordingError) as stream:
+        with _reading(path, OSError), open_file(path, RecordingError) as stream:
             return stream.read()
 
     def _rows(self, stream: str, read: Callable) -> Iterator[tuple[float, object]]:

@@ -15,7 +15,7 @@ from tactilenlp.common.validation import (
     check_range,
     check_whole,
 )
-from tactilenlp.common.whole_file import opened, write_whole
+from tactilenlp.common.whole_file import open_file, write_whole
 from tactilenlp.errors import typed_call
 
 from .clock import Clock
@@ -198,7 +198,7 @@ class Rig:
         no_rig = translated(
             RigError, "no rig", path, "README.md of hardware has one", others
         )
-        with no_rig, opened(path, RigError) as stream:
+        with no_rig, open_file(path, RigError) as stream:
             return cls.from_dict(json.load(stream))
 
     def save(self, path: str | os.PathLike) -> None:

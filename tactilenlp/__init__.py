@@ -50,7 +50,7 @@ _HOMES = {
     "Exploration": "exploration.log",
     "Plan": "exploration.policies",
     "World": "simulation.world",
-    "TouchedWorld": "exploration.first_touch",
+    "TouchedWorld": "exploration.sweep",
     "TrueBody": "evaluation.metrics",
     "Trajectories": "data.trajectories",
     "Body": "identification.body",

@@ -13,7 +13,7 @@ from formulations.shape import CUBOID
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
-from tactilenlp.geometry.convex_hull import filled
+from tactilenlp.geometry.convex_hull import more_vertices
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.options import SolverOptions
@@ -78,7 +78,7 @@ def slid_octahedron():
     vertices[:, 2] -= vertices[:, 2].min()
     yaw = (R * R[-1].inv()).as_rotvec()[:, 2]
     x = np.vstack([p[:, :2].T, yaw - yaw[-1]])
-    return data, scene, filled(vertices, 8), x
+    return data, scene, more_vertices(vertices, 8), x
 
 
 def moved_by(programme, changed, step):

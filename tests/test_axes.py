@@ -8,8 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
+from tactilenlp.local.hypothesis import Hypothesis, same_body
 from tactilenlp.refinement.axis_names import naming, with_axes
-from tactilenlp.search.hypothesis import Hypothesis, rotation_at, same
+from tactilenlp.tracking.surface import rotation_at
 
 
 def named(shape, h, like=None):
@@ -39,7 +40,7 @@ def test_x_is_the_longer_side_and_points_ahead(sides, yaw):
     found = named(CUBOID, h)
     assert found.theta.tolist() == [0.05, 0.03, 0.04]
     assert rotation_at(found, 0)[0, 0] >= 0
-    assert same(CUBOID, h, found, range(4))
+    assert same_body(CUBOID, h, found, range(4))
     assert (naming(CUBOID, found)[1] == np.eye(3)).all()
 
 
@@ -52,7 +53,7 @@ def test_z_is_upright_at_the_first_sample_of_a_body_in_free_motion(seed):
     assert up[2] == pytest.approx(np.abs(R.as_matrix()[2]).max(), abs=1e-12)
     assert found.theta[0] >= found.theta[1]
     assert rotation_at(found, 0)[0, 0] >= 0
-    assert same(CUBOID, h, found, range(4))
+    assert same_body(CUBOID, h, found, range(4))
 
 
 @pytest.mark.parametrize("make", [planar, lambda t, yaw: free(t, about_z(yaw))])
@@ -63,7 +64,7 @@ def test_an_update_keeps_the_names_of_its_start(make):
     found = named(CUBOID, later, like)
     assert found.theta.tolist() == [0.0297, 0.0303, 0.04]
     assert rotation_at(found, 0) == pytest.approx(rotation_at(start, 0), abs=1e-9)
-    assert same(CUBOID, later, found, range(4))
+    assert same_body(CUBOID, later, found, range(4))
 
 
 def about_z(yaw):

@@ -14,7 +14,7 @@ from tactilenlp.information.mixture import log_evidence
 from tactilenlp.interface.options import Guess, Session
 from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import model_selection
-from tactilenlp.search.proposals_surface import on_poses
+from tactilenlp.search.proposals_poses import body_on_poses
 
 
 def line(degree, x, y, sigma, spread):
@@ -130,7 +130,7 @@ def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):
     request, _ = read_request(
         data, scene, "cuboid", "violation_implicit", None, None, None, Session()
     )
-    found = on_poses(request.job, estimate)
+    found = body_on_poses(request.job, estimate)
     sides, known = np.sort(found.theta[:2]), np.sort(estimate.side_lengths[:2])
     sigma = estimate.information.sigma("side_lengths")[np.argsort(estimate.theta[:2])]
     assert (np.abs(sides - known) < np.maximum(0.5e-3, 1.1 * sigma)).all()
@@ -138,7 +138,7 @@ def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):
     request, _ = read_request(
         data, scene, ELLIPSOID, "violation_implicit", None, None, None, Session()
     )
-    assert on_poses(request.job, estimate).objective > 3 * found.objective
+    assert body_on_poses(request.job, estimate).objective > 3 * found.objective
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ from tactilenlp.estimation.coarse_to_fine import (
     coarse_rows,
     interpolate,
 )
-from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.multi_hypothesis import TrackedSearch
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.search.multi_hypothesis import TrackingSearch
 
 RATIO = 3  # samples of the dense recording in each interval of the recorded one
 
@@ -44,7 +44,9 @@ def dense(recorded):
 
 
 def request_of(data, path=None):
-    return SimpleNamespace(job=SimpleNamespace(data=data, hypothesis=path))
+    return SimpleNamespace(
+        job=SimpleNamespace(data=data, search=SimpleNamespace(hypothesis=path))
+    )
 
 
 def test_only_a_rate_above_that_of_the_search_is_solved_at_a_lower_rate_first(
@@ -118,14 +120,14 @@ def test_ctrl_c_at_the_lower_rate_leaves_poses_of_all_samples_so_far(
 ):
     data, scene = dense
 
-    class StoppedSearch(TrackedSearch):
+    class StoppedSearch(TrackingSearch):
         def starts(self):
             first = replace(self.job, data=self.job.data.select([0]))
-            found = TrackedSearch(first, [], 1).starts()
+            found = TrackingSearch(first, [], 1).starts()
             self.keep([self.out_of(h) for h in found])
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(initial_search, "TrackedSearch", StoppedSearch)
+    monkeypatch.setattr(initial_search, "TrackingSearch", StoppedSearch)
     with pytest.raises(Interrupted) as stop:
         solve_estimate(data, scene)
     found = stop.value.estimate

@@ -20,9 +20,9 @@ from tactilenlp.exploration.expected_information import (
     ExpectedInformation,
     push_constants,
 )
-from tactilenlp.exploration.first_touch import check_reach
 from tactilenlp.exploration.log import check_same
 from tactilenlp.exploration.policies import farthest_action, last_contact, why_lost
+from tactilenlp.exploration.sweep import check_reach
 
 SAME = LEAST | {"actions": 2, "centre": CENTRE, "seed": 1}
 

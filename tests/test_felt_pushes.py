@@ -8,7 +8,7 @@ import pytest
 
 from formulations.shape import CUBOID
 from tactilenlp.tracking.felt_pushes import pushed_paths
-from tactilenlp.tracking.pushing import Move, pushed, pushed_as_felt
+from tactilenlp.tracking.pushing import Move, felt_push_motion, push_motion
 
 RADIUS, HALF = 5e-3, 0.02  # [m]
 FRICTION = (0.3, 0.5)
@@ -70,10 +70,10 @@ def test_a_felt_push_is_that_of_the_geometry_where_the_surface_is_known():
     z, before = ca.SX.sym("z", 6), ca.SX.sym("before", 3)
     p_0, p_1 = ca.SX.sym("p_0", 3), ca.SX.sym("p_1", 3)
     move = Move(p_0, p_1, ca.SX(RADIUS), ca.SX(0.7))
-    full = pushed(CUBOID, z, [move], before, FRICTION)
+    full = push_motion(CUBOID, z, [move], before, FRICTION)
     foot = ca.vertcat(HALF, z[3:])
     normal = ca.SX([-1.0, 0.0, 0.0])
-    felt = pushed_as_felt(foot, [move], [normal], [1.0], before, FRICTION)
+    felt = felt_push_motion(foot, [move], [normal], [1.0], before, FRICTION)
     both = ca.Function("both", [z, before, p_0, p_1], [full, felt])
     x = -HALF - RADIUS
     args = [*SIDES, 0, 0, 0], [0, 0, 0], [x, 5e-3, 0.01], [x + 1e-3, 5.2e-3, 0.01]

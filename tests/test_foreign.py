@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import Scene, solve_estimate
-from tactilenlp.geometry.convex_hull import nearest
+from tactilenlp.geometry.convex_hull import nearest_points
 
 CLOSE = 0.1e-3  # [m] that stiff contacts of a few newtons and 0.3 ms steps sink in
 
@@ -49,7 +49,7 @@ def test_hulls_of_every_kind_rest_on_a_face_and_fingers_touch_their_surface(fore
         assert len(t) >= 3
         place = true["finger_position"][t, f] - true["object_position"][t]
         gap = np.linalg.norm(
-            (q := turn[t].inv().apply(place)) - nearest(hull.points, q), axis=1
+            (q := turn[t].inv().apply(place)) - nearest_points(hull.points, q), axis=1
         )
         assert np.abs(gap - true["finger_radius"][f]).max() < CLOSE
 

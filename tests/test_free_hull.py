@@ -14,11 +14,11 @@ from formulations.rigid_body import rotation
 from tactilenlp import Options
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.geometry.transforms import (
-    backward,
     directions_in_body,
+    left_jacobians,
     matrices,
     points_in_body,
-    turning,
+    rotvecs_back,
 )
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
@@ -198,7 +198,7 @@ def test_points_and_directions_are_the_same_in_planar_and_in_lifted_poses():
 def test_a_rotation_vector_turns_a_body_as_its_slope_says():
     w = np.array([[0.3, -1.2, 0.7], [0, 0, 0], [1e-5, 0, 2e-5], [0, 0, 1.5]])
     step = 1e-6
-    for vector, slope in zip(w, turning(np.hstack([0 * w, w]).T), strict=True):
+    for vector, slope in zip(w, left_jacobians(np.hstack([0 * w, w]).T), strict=True):
         R = np.asarray(rotation(ca.DM(vector)))
         for i in range(3):
             ahead = np.asarray(rotation(ca.DM(vector + step * np.eye(3)[i])))
@@ -209,7 +209,7 @@ def test_a_rotation_vector_turns_a_body_as_its_slope_says():
 def test_rotations_end_upright_however_far_they_came():
     angle = np.linspace(-1.6 * np.pi, 0, 60)
     R = Rotation.from_rotvec(np.outer(angle, [0, 0.6, 0.8])).as_matrix()
-    w = backward(R)
+    w = rotvecs_back(R)
     assert w[-1] == pytest.approx(np.zeros(3), abs=1e-12)
     np.testing.assert_allclose(np.linalg.norm(w, axis=1), -angle, atol=1e-9)
 

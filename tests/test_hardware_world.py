@@ -27,7 +27,7 @@ from hardware.errors import (
 from hardware.kinematics import finger
 from hardware.simulated_robot import NOON
 from tactilenlp import Workspace, explore
-from tactilenlp.exploration.first_touch import check_reach
+from tactilenlp.exploration.sweep import check_reach
 
 
 @pytest.fixture(scope="module")

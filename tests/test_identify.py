@@ -20,7 +20,7 @@ from tactilenlp.errors import (
 )
 from tactilenlp.identification.body import corner_shift
 from tactilenlp.identification.impacts import gravity_of, impacts, may_touch, steps_of
-from tactilenlp.identification.starts import CUBE_SIGNS, prepared
+from tactilenlp.identification.starts import CUBE_SIGNS, starts_of
 
 HALF, MASS = 52.4e-3, 0.37  # [m], [kg] as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -95,7 +95,7 @@ def test_another_world_frame_changes_nothing(cube, tosses):
 
 def test_derivatives_of_the_page_are_right(tosses):
     few = tosses.select(tosses.tosses[:1])
-    steps, (theta,), signs, _ = prepared(few, SCENE, "corners", None, None)
+    steps, (theta,), signs, _ = starts_of(few, SCENE, "corners", None, None)
     window = impacts(steps, may_touch(steps, (theta * signs).T), theta, signs, few.dt)
     problem = Problem()
     page.build(problem, window, SCENE)
@@ -233,8 +233,8 @@ def test_wrong_order_interval_and_unit_are_named_before_the_solve(
 
 def test_a_gauge_that_is_asked_for_is_taken(tosses):
     prepare = tosses, SCENE, "cuboid", None
-    assert prepared(*prepare, 1.3)[3] == (1.3, 0.0)
-    assert 1.0 < prepared(*prepare, None)[3][0] < 1.1
+    assert starts_of(*prepare, 1.3)[3] == (1.3, 0.0)
+    assert 1.0 < starts_of(*prepare, None)[3][0] < 1.1
 
 
 def test_the_fit_of_real_tosses_is_good_and_said(cube):

@@ -14,7 +14,7 @@ from tactilenlp.errors import (
 )
 from tactilenlp.identification.body import fit_of
 from tactilenlp.identification.impacts import phases_of, with_soft_ground
-from tactilenlp.identification.starts import prepared, support_of
+from tactilenlp.identification.starts import starts_of, support_of
 
 MASS = 0.37  # [kg] of the real cube, as measured by who recorded it
 SCENE = Scene(mass=MASS)
@@ -25,7 +25,7 @@ boxes = benchmark("tossed_boxes")  # in MuJoCo, whose ground is soft
 
 def test_heights_of_the_origin_tell_the_half_widths_it_rested_on(boxes):
     half, _, _ = boxes.drawn_box(7)
-    steps, _, _, ruler = prepared(boxes.tossed(7, 4), SCENE, "cuboid", None, None)
+    steps, _, _, ruler = starts_of(boxes.tossed(7, 4), SCENE, "cuboid", None, None)
     assert ruler[0] == pytest.approx(1.0, abs=1e-6)
     found = support_of(steps, SCENE.gravity, 1 / boxes.RATE)
     assert (found.least < found.largest + 1e-6).all()
@@ -56,7 +56,7 @@ def test_a_fit_far_beyond_its_spread_is_bad_and_widens():
 
 
 def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):
-    steps, starts, signs, _ = prepared(tosses, SCENE, "cuboid", None, None)
+    steps, starts, signs, _ = starts_of(tosses, SCENE, "cuboid", None, None)
     soft = with_soft_ground(steps, 1.1 * starts[0] * signs, SCENE.gravity, tosses.dt)
     _, hit, _ = phases_of(steps, SCENE.gravity, tosses.dt)
     assert (soft.depth[~hit] == page.SURFACE).all()

@@ -9,6 +9,8 @@ import pytest
 from tactilenlp import Options, Session, solve_estimate
 from tactilenlp.common.deadline import OutOfTime
 from tactilenlp.interface.request import read_request
+from tactilenlp.local.local_solve import built_page
+from tactilenlp.local.solved import Solves
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement.incremental import (
     of_more_samples,
@@ -17,9 +19,7 @@ from tactilenlp.refinement.incremental import (
     update_by_few_starts,
     update_limit,
 )
-from tactilenlp.search.local_solve import built_page
-from tactilenlp.search.multi_hypothesis import TrackedSearch
-from tactilenlp.search.solved import Solves
+from tactilenlp.search.multi_hypothesis import TrackingSearch
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_an_estimate_is_read_with_the_cuts_that_it_was_solved_with(asked, estima
 
 def test_an_update_that_costs_more_asks_for_another_start(asked, estimate):
     request, kept = asked
-    (best, *_) = TrackedSearch(request.job, kept, 2).first()
+    (best, *_) = TrackingSearch(request.job, kept, 2).least_motion_optima()
     off = replace(best, theta=best.theta + np.array([5e-3, 0, 0]))
     most = update_limit(estimate, 1) - estimate.objective
 
@@ -88,7 +88,7 @@ def test_the_solution_of_the_past_starts_a_problem_of_more_samples(asked, estima
     """What was known keeps its values and multipliers; those of the rest are zero."""
     request, kept = asked
     past = past_solution(request.job, estimate)
-    (best, *_) = TrackedSearch(request.job, kept, 2).first()
+    (best, *_) = TrackingSearch(request.job, kept, 2).least_motion_optima()
     built = built_page(request.job, best)
     begun = of_more_samples(past, built)
     new = built.window.push.sample >= estimate.measurements.samples
@@ -107,12 +107,12 @@ def test_what_a_search_began_with_is_not_computed_again(asked):
     """First few tracks, then all of them: the same starts as of all at once."""
     request, kept = asked
     job = replace(request.job, reductions=Reductions())
-    search = TrackedSearch(job, kept, 4)
-    first, solved = search.first(), dict(search.lying)
+    search = TrackingSearch(job, kept, 4)
+    first, solved = search.least_motion_optima(), dict(search.optima)
     starts = search.starts()
-    assert all(search.lying[track] is h for track, h in solved.items())
+    assert all(search.optima[track] is h for track, h in solved.items())
     assert any(first[0] is h for h in starts)
-    for mine, once in zip(starts, TrackedSearch(job, kept, 4).starts(), strict=True):
+    for mine, once in zip(starts, TrackingSearch(job, kept, 4).starts(), strict=True):
         np.testing.assert_array_equal(mine.x, once.x)
         assert mine.objective == once.objective
 
@@ -134,7 +134,7 @@ def test_only_whole_actions_of_a_good_fit_are_continued(asked, estimate):
 def test_an_update_that_time_ends_keeps_what_it_has_solved(asked, estimate):
     """The first start is solved; before the second one, time is over."""
     request, kept = asked
-    (best, *_) = TrackedSearch(request.job, kept, 2).first()
+    (best, *_) = TrackingSearch(request.job, kept, 2).least_motion_optima()
     solves, job = Solves(), request.job
     start = replace(estimate, objective=estimate.objective - 1.0)
 

@@ -14,10 +14,10 @@ from tactilenlp import solve_estimate
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.margins import DECISIVE
+from tactilenlp.local.solved import Solved, best_first
 from tactilenlp.refinement import incremental_polytope
-from tactilenlp.search.hypothesis import CLOSED, Hypothesis
-from tactilenlp.search.margins import DECISIVE
-from tactilenlp.search.solved import Solved, best_first
 
 PAGE = polytope_violation_implicit
 
@@ -150,15 +150,23 @@ def test_other_legs_carry_the_same_force_and_moment():
 
 
 @pytest.mark.parametrize(
-    ("gain", "kept"), [(DECISIVE - 1, CLOSED), (DECISIVE + 1, None)]
+    ("gain", "closed"), [(DECISIVE - 1, True), (DECISIVE + 1, False)]
 )
-def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, kept):
+def test_a_face_that_nothing_felt_must_be_worth_its_price(gain, closed):
     job = SimpleNamespace(prior_cost=0.0, shape=polytope(20))
 
-    def solved(objective, *path):
-        hypothesis = Hypothesis(np.zeros(60), np.zeros((3, 2)), 0.0, ("planes", *path))
+    def solved(objective, closed):
+        theta, x = np.zeros(60), np.zeros((3, 2))
+        hypothesis = Hypothesis(theta, x, 0.0, ("planes",), closed=closed)
         solution = SimpleNamespace(success=True, objective=objective)
         return Solved(hypothesis, None, solution, job)
 
-    best, _ = best_first([solved(5.0 - gain), solved(5.0, CLOSED)])
-    assert (CLOSED in best.hypothesis.path) == (kept == CLOSED)
+    best, _ = best_first([solved(5.0 - gain, False), solved(5.0, True)])
+    assert best.hypothesis.closed == closed
+
+
+def test_a_file_without_the_field_says_closed_in_the_path():
+    fields = {"theta": np.zeros(12), "x": np.zeros((3, 2)), "objective": 0.0}
+    for path, closed in ((("planes", "closed"), True), (("planes",), False)):
+        assert Hypothesis.from_file(path, **fields).closed == closed
+    assert Hypothesis.from_file(("planes",), closed=True, **fields).closed

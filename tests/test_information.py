@@ -178,7 +178,7 @@ def test_a_gaussian_prior_alone_gives_back_its_deviation():
 def test_jacobians_whose_product_overflows_are_refused_in_words(estimate, monkeypatch):
     k = len(estimate.information.names)
     flood = np.full((k, k), np.inf)
-    there = "tactilenlp.estimation.observed_information.inverse_dynamics"
+    there = "tactilenlp.information.comparisons.sum_of_samples"
     monkeypatch.setattr(there, lambda *_: flood)
     with pytest.raises(TactileError, match="overflows"):
         observed_information(estimate, "inverse_dynamics")

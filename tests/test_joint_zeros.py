@@ -31,7 +31,7 @@ def joints():
 
 def said(data, joints, e):
     """Return what fingers tell that are off by e (F, 3) [m] at their places."""
-    off = joints.off(data.finger_position, e)
+    off = joints.displacement(data.finger_position, e)
     turn = np.einsum("fij,fj->fi", joints.turn, e)
     normal = data.normal - np.cross(turn, data.normal)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -58,7 +58,7 @@ def test_wrong_angles_put_a_finger_where_its_kinematics_say(joints):
             true, turned = one.forward(angles + WRONG[f]), one.rotation(angles)
             e = one.forward(one.inverse(place) + WRONG[f]) - place
             both = np.stack([e, e])
-            off = joints.off(np.stack([place + way] * 2), both)[f]
+            off = joints.displacement(np.stack([place + way] * 2), both)[f]
             # second order: 4 mm times the square of a third of a link's share
             assert np.abs(off - (true - place - way)).max() < 0.25e-3
             turn = one.rotation(angles + WRONG[f]) @ turned.T
@@ -118,7 +118,9 @@ def test_what_all_fingers_have_in_common_shows_in_how_sides_lean(told, joints):
     prior = np.sqrt(np.diag(joints.covariance.sum(axis=0)) / 4)
     assert common[0] < 0.6 * prior[0]  # along the line on which the fingers face
     seen = estimate.seen_positions - estimate.measurements.finger_position
-    apart = joints.off(estimate.measurements.finger_position, estimate.finger_offset)
+    apart = joints.displacement(
+        estimate.measurements.finger_position, estimate.finger_offset
+    )
     assert np.allclose(seen, apart)
 
 
@@ -135,11 +137,11 @@ def test_it_survives_a_file_and_the_next_action_is_chosen_with_it(told, tmp_path
 
 def test_a_tilted_ground_changes_nothing_but_the_frame(joints):
     ground = Ground(height=0.01, normal=(0.1, -0.2, np.sqrt(0.95)))
-    there, R = joints.seen_from(ground), ground.rotation
+    there, R = joints.in_frame_of(ground), ground.rotation
     e = 1e-3 * np.array([[1.0, 2.0, 3.0], [-3.0, 2.0, 1.0]])
     p = np.array([[0.04, 0.01, 0.03], [-0.05, 0.02, 0.06]])
-    assert there.off(ground.to_ground(p), e @ R.T) == pytest.approx(
-        joints.off(p, e) @ R.T
+    assert there.displacement(ground.to_ground(p), e @ R.T) == pytest.approx(
+        joints.displacement(p, e) @ R.T
     )
     turn = [np.einsum("fij,fj->fi", j.turn, x) for j, x in
             ((there, e @ R.T), (joints, e))]  # fmt: skip

@@ -10,8 +10,8 @@ from formulations.shape import CUBOID
 from tactilenlp import Session, solve_estimate
 from tactilenlp.estimation import optima
 from tactilenlp.interface.request import read_request
+from tactilenlp.local.local_solve import solved_from, warm_started
 from tactilenlp.refinement.nested_models import FREED_MU, NUISANCES, score, wald
-from tactilenlp.search.local_solve import solved_from, warm_started
 
 TURNED = 0.01  # [rad] of the normals of one finger
 

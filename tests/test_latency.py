@@ -11,11 +11,11 @@ from tactilenlp import Estimate, Options, Scene, Workspace, World, solve_estimat
 from tactilenlp.data.sensor_noise import (
     LATENCY,
     Precision,
-    in_time,
     latency_cost,
     precision_of,
-    told_later,
-    turned_in_time,
+    reported_late,
+    shift_in_time,
+    shift_rotations,
     with_fingers_earlier,
 )
 from tactilenlp.errors import MistakeError, SceneError
@@ -67,9 +67,9 @@ def test_values_are_linear_between_samples_and_beyond_those_of_an_action(recorde
     slope = np.where(data.action < 3, 2.0, -1.0)[:, None]
     values = np.hstack([slope * data.time[:, None], 0 * slope + 7.0])
     for by in (-0.4 * SAMPLE, 1.7 * SAMPLE):
-        moved = in_time(data, values, by)
+        moved = shift_in_time(data, values, by)
         assert moved == pytest.approx(values + by * np.hstack([slope, 0 * slope]))
-    assert (in_time(data, values, 0.0) == values).all()
+    assert (shift_in_time(data, values, 0.0) == values).all()
 
 
 def test_a_sample_that_comes_twice_tells_no_velocity(recorded):
@@ -79,7 +79,7 @@ def test_a_sample_that_comes_twice_tells_no_velocity(recorded):
     time[-1] = time[-2] + 1e-6
     values = np.linspace(0, 1, data.samples)
     values[-1] += 1e-3  # a velocity of 1000 / s, if it told one
-    moved = in_time(replace(data, time=time), values, SAMPLE)
+    moved = shift_in_time(replace(data, time=time), values, SAMPLE)
     assert np.abs(moved - values).max() < 0.05
 
 
@@ -89,7 +89,7 @@ def test_quaternions_turn_on_at_their_speed(recorded):
     turn = Rotation.from_rotvec(np.outer(data.time - data.time[0], [0.0, 2.0, 0.0]))
     wxyz = quaternion_of(turn)
     wxyz[3] *= -1  # the same rotation
-    moved = turned_in_time(data, wxyz, 0.05)
+    moved = shift_rotations(data, wxyz, 0.05)
     off = Rotation.from_quat(np.roll(moved, -1, axis=1)) * turn.inv()
     assert off.as_rotvec() == pytest.approx(np.tile([0.0, 0.1, 0.0], (len(wxyz), 1)))
 
@@ -109,11 +109,11 @@ def test_fingers_are_where_they_were_and_the_rest_stays(recorded):
 
 def test_what_late_sensors_tell_later_are_the_last_samples_of_actions(recorded):
     data, *_ = recorded
-    assert not len(told_later(data, 0.0))
+    assert not len(reported_late(data, 0.0))
     ends = np.flatnonzero(np.diff(data.action, append=data.actions))
-    assert told_later(data, 0.5 * SAMPLE).tolist() == ends.tolist()
+    assert reported_late(data, 0.5 * SAMPLE).tolist() == ends.tolist()
     two = np.sort(np.r_[ends - 1, ends])
-    assert told_later(data, 1.5 * SAMPLE).tolist() == two.tolist()
+    assert reported_late(data, 1.5 * SAMPLE).tolist() == two.tolist()
 
 
 def test_a_latency_costs_its_prior_unless_it_was_told(recorded):
@@ -258,10 +258,10 @@ def test_impulses_are_kept_at_the_ends_of_an_action(recorded):
     rows = np.flatnonzero(data.action == 1)
     pulse = np.zeros((data.samples, 3))
     pulse[rows[5]], pulse[rows[-1]] = 1.0, 2.0
-    later = in_time(data, pulse, 2 * SAMPLE, beyond=False)
+    later = shift_in_time(data, pulse, 2 * SAMPLE, beyond=False)
     assert later[rows[3]] == pytest.approx(np.ones(3), abs=1e-3)
     assert later[rows[-3:]] == pytest.approx(2 * np.ones((3, 3)), abs=1e-3)
-    assert np.array_equal(in_time(data, pulse, 0.0, beyond=False), pulse)
+    assert np.array_equal(shift_in_time(data, pulse, 0.0, beyond=False), pulse)
 
 
 @pytest.mark.slow

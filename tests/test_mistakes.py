@@ -24,7 +24,7 @@ from tactilenlp.data.mistakes import (
     check_mistakes,
     most_likely,
     record_of,
-    suspected,
+    suspicion,
 )
 from tactilenlp.data.plausibility import jumps_of, of_one_rate
 from tactilenlp.errors import MeasurementError, MistakeError, OptionError
@@ -247,11 +247,11 @@ def touched_later(data, f, shift):
 
 def test_a_mistake_that_is_not_sure_enough_to_refuse_is_suspected(scenes):
     data = Measurements.load(scenes / "cuboid_09.npz")
-    assert suspected(data, Scene()) == ""
+    assert suspicion(data, Scene()) == ""
     late = touched_later(data, 1, 3)
     check_mistakes(late, Scene())
-    assert "finger 1 feels is 3 samples too late" in suspected(late, Scene())
-    assert suspected(late, Scene(ground=None, gravity=0.0)) == ""
+    assert "finger 1 feels is 3 samples too late" in suspicion(late, Scene())
+    assert suspicion(late, Scene(ground=None, gravity=0.0)) == ""
 
 
 @pytest.mark.parametrize(("left", "named"), [(60.0, True), (1.0, False)])

@@ -12,11 +12,11 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.hypothesis import Hypothesis, distinct, same_body
+from tactilenlp.local.local_solve import continuation, solved_from
+from tactilenlp.local.solved import Solved, Solves, best_first
 from tactilenlp.search import multistart as starts
-from tactilenlp.search.hypothesis import Hypothesis, distinct, same
-from tactilenlp.search.local_solve import continued, solved_from
 from tactilenlp.search.multistart import freed_levels, multistart
-from tactilenlp.search.solved import Solved, Solves, best_first
 
 LEVELS = freed_levels(page.LEVELS)
 
@@ -92,7 +92,7 @@ def test_the_price_of_a_latency_counts_where_solves_are_ranked():
     def solved(objective, price):
         solution = SimpleNamespace(success=True, objective=objective)
         job = SimpleNamespace(prior_cost=price, shape=CUBOID)
-        return Solved(SimpleNamespace(path=()), None, solution, job)
+        return Solved(SimpleNamespace(closed=False), None, solution, job)
 
     late, prompt = solved(1.0, 0.5), solved(1.2, 0.0)
     assert late.cost == 1.5
@@ -123,14 +123,14 @@ def test_provisional_solves_count_as_long_as_there_is_no_other():
 def test_continuation_ends_in_an_optimum_of_the_page(case):
     job, h = case
     solved = multistart(job, [h], LEVELS)
-    again = continued(job, solved[0])
+    again = continuation(job, solved[0])
     assert again.solution.success
     assert again.solution.parameters == solved[0].solution.parameters
     assert again.solution.objective < solved[0].solution.objective + 0.5
 
 
 def test_a_page_without_easier_levels_has_no_continuation(case):
-    assert continued(replace(case[0], page=quasi_static), None) is None
+    assert continuation(replace(case[0], page=quasi_static), None) is None
 
 
 def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
@@ -138,8 +138,8 @@ def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):
     x = h.x.copy()
     x[0, :-1] += 5e-3
     other = replace(h, x=x, objective=h.objective + 1)
-    assert not same(CUBOID, h, other)
-    assert same(CUBOID, h, other, samples=(-1,))
+    assert not same_body(CUBOID, h, other)
+    assert same_body(CUBOID, h, other, samples=(-1,))
     assert len(distinct(CUBOID, [h, other], 4, np.inf)) == 2
     assert distinct(CUBOID, [other, h], 4, np.inf, samples=(-1,)) == [h]
 
@@ -151,5 +151,5 @@ def test_free_bodies_are_the_same_where_their_corners_agree_whatever_the_axes():
     relabelled = replace(
         box, theta=np.r_[0.05, 0.03, 0.04], x=np.repeat(quarter[:, None], 2, axis=1)
     )
-    assert same(CUBOID, box, relabelled)
-    assert not same(CUBOID, box, replace(relabelled, theta=box.theta))
+    assert same_body(CUBOID, box, relabelled)
+    assert not same_body(CUBOID, box, replace(relabelled, theta=box.theta))

@@ -12,7 +12,7 @@ from tactilenlp.data.sensor_noise import (
     SMOOTHING_WINDOW,
     local_parabolas,
     precision_of,
-    smoothed,
+    smooth_paths,
     smoothing_matrices,
 )
 
@@ -118,7 +118,7 @@ def test_noise_is_estimated_and_smoothed_at_uneven_times():
     data, path = uneven(np.random.default_rng(4))
     precision = precision_of(data)
     assert precision.position == pytest.approx(1e-3, rel=0.1)
-    off = smoothed(data, precision).finger_position[:, 0] - path
+    off = smooth_paths(data, precision).finger_position[:, 0] - path
     assert np.abs(off).max() < 3.5e-3
     assert np.sqrt((off**2).mean()) < 0.6e-3
 

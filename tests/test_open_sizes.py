@@ -16,9 +16,9 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.information.error_budget_terms import REACHED
+from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.refinement.profile_deviation import VAGUE_SHARE
 from tactilenlp.refinement.profile_likelihood import KNOWN_POSITION, touched_ends
-from tactilenlp.search.hypothesis import Hypothesis
 
 PRIOR = CUBOID.size_prior[1]
 AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())

@@ -20,14 +20,14 @@ from formulations.polytope import (
 from tactilenlp import Problem
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
-from tactilenlp.geometry.convex_hull import nearest, unseen_ball
+from tactilenlp.geometry.convex_hull import nearest_points, unseen_ball
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.local_solve import with_vertices_on_hull
 from tactilenlp.problem.polytope_window import (
     hull_moments,
     support_shares,
     supporting_vertices,
 )
-from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.local_solve import with_vertices_on_hull
 from tactilenlp.search.polytope_init import closing_halfspaces
 
 SMALL = 1e-4  # [m] rounding, as of a fingertip of 10 mm
@@ -162,7 +162,7 @@ def test_moments_are_those_of_the_solid():
 
 def test_half_spaces_of_a_cube_leave_its_corners():
     n = np.vstack([np.eye(3), -np.eye(3)])
-    found = hull.merged(hull.vertices_behind(np.c_[n, np.full(6, 0.02)]))
+    found = hull.merge_points(hull.vertices_behind(np.c_[n, np.full(6, 0.02)]))
     assert sorted(found.round(6).tolist()) == sorted(CUBE.tolist())
 
 
@@ -177,7 +177,7 @@ def test_planes_and_ground_close_a_body_unless_a_face_is_missing(missing):
     found = closing_halfspaces(planes, points[kept], ball, ground=True)
     if missing is None:
         corners, up = (
-            hull.merged(hull.vertices_behind(found)),
+            hull.merge_points(hull.vertices_behind(found)),
             np.array([0, 0, 0.02]),
         )
         assert sorted(corners.round(6).tolist()) == sorted((CUBE + up).tolist())
@@ -194,21 +194,21 @@ def test_half_spaces_without_a_common_point_are_refused():
 
 def test_thinning_keeps_what_carries_volume():
     bumps = 1.001 * CUBE[[0, 1, 3, 2]].mean(axis=0) + np.zeros((1, 3))
-    kept = hull.thinned(np.vstack([CUBE, bumps]), 8)
+    kept = hull.fewer_vertices(np.vstack([CUBE, bumps]), 8)
     assert sorted(kept.round(9).tolist()) == sorted(CUBE.round(9).tolist())
 
 
 def test_a_hull_of_many_vertices_keeps_its_volume_as_one_of_few_does():
     few, many = ball(300, 3), ball(1200, 3)
     shares = [
-        ConvexHull(hull.thinned(points, 40)).volume / ConvexHull(points).volume
+        ConvexHull(hull.fewer_vertices(points, 40)).volume / ConvexHull(points).volume
         for points in (few, many)
     ]
     assert shares[1] == pytest.approx(shares[0], rel=0.03)
 
 
 def test_missing_vertices_are_put_where_the_hull_stays_as_it_is():
-    more = hull.filled(CUBE, 20)
+    more = hull.more_vertices(CUBE, 20)
     assert len(more) == 20
     assert trimesh.convex.convex_hull(more).volume == pytest.approx(0.04**3)
 
@@ -275,4 +275,6 @@ def test_the_nearest_point_of_a_tiny_body_is_exact():
     corners = half * np.array(list(product((-1, 1), repeat=3)))
     points = 1e-3 * np.random.default_rng(0).uniform(-1, 1, (200, 3))
     points = points[(np.abs(points) > half).any(axis=1)]
-    assert nearest(corners, points) == pytest.approx(np.clip(points, -half, half))
+    assert nearest_points(corners, points) == pytest.approx(
+        np.clip(points, -half, half)
+    )

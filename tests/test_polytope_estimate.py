@@ -25,9 +25,9 @@ from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.interface.options import Options
 from tactilenlp.interface.readout import information_in_time, read_hull
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.local_solve import solved_from
 from tactilenlp.problem import static_friction
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.local_solve import solved_from
 from tactilenlp.search.polytope_init import search_polytope
 
 ACTIONS = 4

@@ -17,9 +17,9 @@ from formulations import (
 from formulations.polytope import polytope
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.polytope_window import hull_moments, window_of
-from tactilenlp.search.hypothesis import Hypothesis
 from tactilenlp.search.plane_slam import Faces, as_measured, planes_window
 
 SHAPE = polytope(8)

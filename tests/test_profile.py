@@ -11,6 +11,9 @@ from tactilenlp import Options, Session
 from tactilenlp.estimation.initial_search import initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.local_solve import solved_from
+from tactilenlp.local.margins import PROFILE_RISE
 from tactilenlp.refinement import certification
 from tactilenlp.refinement.profile_deviation import (
     TAIL_GROWTH,
@@ -19,9 +22,6 @@ from tactilenlp.refinement.profile_deviation import (
     Profile,
 )
 from tactilenlp.refinement.profile_likelihood import profile_deviations
-from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.local_solve import solved_from
-from tactilenlp.search.margins import PROFILE_RISE
 
 SHARP = 0.4e-3  # [m] that a Hessian claims
 PRIOR = CUBOID.size_prior[1]

@@ -26,12 +26,12 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import OptionError, StartError
+from tactilenlp.local.hypothesis import Hypothesis, same_body
 from tactilenlp.output.summary import named_size
 from tactilenlp.problem.pages import shape_of
-from tactilenlp.search.hypothesis import Hypothesis, same
 from tactilenlp.search.proposals_floating import search_plane
-from tactilenlp.tracking.first_touch import from_guess
 from tactilenlp.tracking.geometry import geometry_of
+from tactilenlp.tracking.initial_states import from_guess
 from tactilenlp.tracking.surface import body_surface
 
 SCENE = Scene(mass=0.5, friction_ground=0.3, friction_finger=0.5)
@@ -149,7 +149,7 @@ def test_a_guess_is_as_uncertain_as_the_units_of_its_class_say():
         units=("m", "m", "rad"),
         size_prior=(0.045, (0.02, 0.02, 1.0)),
     )
-    guess = "guess", np.array([0.05, 0.04, 0.5]), np.zeros(3)
+    guess = np.array([0.05, 0.04, 0.5, 0.0, 0.0, 0.0])
     z, P = from_guess(guess, geometry_of(wedge), np.random.default_rng(0))
     assert np.sqrt(P[2, 2, 0]) == pytest.approx(50 * np.sqrt(P[0, 0, 0]))
     assert z[2].std() == pytest.approx(0.3, rel=0.1)
@@ -167,13 +167,13 @@ def test_two_hypotheses_are_one_body_whatever_its_axes_are_called(shape):
     one = Hypothesis(theta, x, 0.0, ())
     turn = {2: np.pi / 3, 3: np.pi}[shape.theta]
     again = Hypothesis(theta, np.add(x, [[0], [0], [turn]]), 0.0, ())
-    assert same(shape, one, again)
+    assert same_body(shape, one, again)
     other = Hypothesis(theta, np.add(x, [[0.002], [0], [0]]), 0.0, ())
-    assert not same(shape, one, other)
+    assert not same_body(shape, one, other)
     w = np.outer([0, 0, 1], x[2])
     height = np.full(5, float(shape.rest_height(theta)))
     free = Hypothesis(theta, np.vstack([x[:2], height, w]), 0.0, ())
-    assert same(shape, one, free)
+    assert same_body(shape, one, free)
 
 
 EDGE = 3e-3  # [m] radius of the edges of a box

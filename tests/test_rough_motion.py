@@ -14,11 +14,11 @@ from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
 from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
+from tactilenlp.local.margins import DECISIVE, UNCHANGED
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
-from tactilenlp.search.margins import DECISIVE, UNCHANGED
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.tracking.tracking import predicted_tracks
 from tactilenlp.tracking.tracks import filter_of
@@ -49,7 +49,7 @@ def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):
     before, once = predicted(job)
     same, more = predicted(rough)
     assert (before == same).all()
-    still = predicted(replace(job, process_noise=0.0))[1]
+    still = predicted(job.with_search(process_noise=0.0))[1]
     for i in (-3, -2, -1):
         ratio = (more - still)[i, i] / (once - still)[i, i]
         assert np.median(ratio) == pytest.approx(

@@ -13,11 +13,11 @@ from tactilenlp.estimation import optima
 from tactilenlp.estimation.initial_search import ContactFrame, initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
-from tactilenlp.search.hypothesis import same, varied
-from tactilenlp.search.least_motion import least_motion, unseen
-from tactilenlp.search.multi_hypothesis import TrackedSearch
-from tactilenlp.tracking.first_touch import body_height
+from tactilenlp.local.hypothesis import diverse_starts, same_body
+from tactilenlp.search.least_motion import least_motion, unseen_optima
+from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.geometry import geometry_of
+from tactilenlp.tracking.initial_states import body_height
 from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
 
 
@@ -93,7 +93,7 @@ def test_noisy_paths_without_a_touch_are_not_searched_from_scratch(estimate):
     request, _ = read_request(estimate.measurements, scene, *given)
     data = request.job.data
     job = replace(request.job, data=replace(data, valid=np.zeros_like(data.valid)))
-    found = TrackedSearch(job, estimate.hypotheses, 2).starts()
+    found = TrackingSearch(job, estimate.hypotheses, 2).starts()
     assert found
     assert np.allclose(found[0].theta, estimate.theta, atol=0.02)
 
@@ -141,7 +141,7 @@ def test_a_search_does_not_depend_on_the_axes_of_the_world(recorded):
         found.append(initial_hypotheses(request, Incumbents([]))[1])
     (best, *_), (moved, *_) = found
     back = ContactFrame(np.array([0.5, -0.25, np.pi / 2])).into(moved)
-    assert same(CUBOID, best, back)  # its sides may be named otherwise
+    assert same_body(CUBOID, best, back)  # its sides may be named otherwise
     objectives = [[h.objective for h in starts] for starts in found]
     np.testing.assert_allclose(*objectives, atol=0.01)  # of solves to 1e-3
 
@@ -157,10 +157,10 @@ def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
 
 def test_a_search_ends_where_no_optimum_is_expected_besides_those_seen():
     """By hand: w (w + 1) / (n - w - 2) of Boender and Rinnooy Kan, 1987."""
-    assert unseen(8, 1) == pytest.approx(2 / 5)
-    assert unseen(17, 2) == pytest.approx(6 / 13)
-    assert unseen(4, 2) == np.inf  # too few starts to expect anything
-    assert unseen(9, 1) < unseen(8, 1) < unseen(8, 2)
+    assert unseen_optima(8, 1) == pytest.approx(2 / 5)
+    assert unseen_optima(17, 2) == pytest.approx(6 / 13)
+    assert unseen_optima(4, 2) == np.inf  # too few starts to expect anything
+    assert unseen_optima(9, 1) < unseen_optima(8, 1) < unseen_optima(8, 2)
 
 
 def test_least_motion_ends_early_where_all_starts_come_to_one_optimum(estimate, caplog):
@@ -169,7 +169,7 @@ def test_least_motion_ends_early_where_all_starts_come_to_one_optimum(estimate, 
     request, _ = read_request(estimate.measurements, estimate.scene, *given)
     paths = [estimate.hypotheses[0]] * 20
     caplog.set_level("INFO", "tactilenlp")
-    found = least_motion(request.job, paths)
+    found = least_motion(request.job, paths, None, {})
     assert len(found) == 8
     assert "1 optima from 8 starts" in caplog.text
 
@@ -184,7 +184,7 @@ def test_every_second_start_is_of_another_yaw(estimate):
 
     face = [turned(1e-3 * k, 0.01 * k) for k in range(30)]
     edges = [turned(0.4 * (k % 3 + 1) + 1e-3 * k, 20.0 + 0.1 * k) for k in range(9)]
-    found = varied(CUBOID, [*face, *edges], 12)
+    found = diverse_starts(CUBOID, [*face, *edges], 12)
     turns = np.array([one.x[2, -1] - h.x[2, -1] for one in found])
     assert found[0] is face[0]
     assert (turns[1:8:2] > 0.2).sum() >= 3

@@ -23,8 +23,8 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
 from tactilenlp.interface.options import Session
 from tactilenlp.interface.request import make_job
-from tactilenlp.search.hypothesis import FunctionsByPage, Hypothesis
-from tactilenlp.search.local_solve import built_page
+from tactilenlp.local.hypothesis import FunctionsByPage, Hypothesis
+from tactilenlp.local.local_solve import built_page
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
 

@@ -147,6 +147,7 @@ def test_what_is_mapped_keeps_its_order_and_may_say_what_stands_for_a_failure(st
 
 
 ONE_RUN = {  # benchmarks of which there is nothing to spread, and why
+    "count_code": "reads sources",
     "executors": "measures executors",
     "exploration_report": "reads a study",
     "optical_frame": "times one picture",

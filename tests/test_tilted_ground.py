@@ -122,6 +122,6 @@ def test_a_guess_of_the_world_is_one_of_the_ground_that_leans():
     place = ground.from_ground(np.array([0.1, 0.3, 0.02]))
     for position in (place, ground.from_ground(np.array([0.1, 0.3, 0.0]))[:2]):
         guess = Guess((0.05, 0.04, 0.04), position, yaw=0.2)
-        ((_, theta, x),) = first_guess(guess, CUBOID, ground)
-        assert theta.tolist() == [0.05, 0.04, 0.04]
-        assert x == pytest.approx([0.1, 0.3, 0.2])
+        h = first_guess(guess, CUBOID, ground)
+        assert h.theta.tolist() == [0.05, 0.04, 0.04]
+        assert h.x[:, 0] == pytest.approx([0.1, 0.3, 0.2])

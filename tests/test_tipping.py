@@ -11,7 +11,7 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.geometry.tipping import QUARTER_TURN, Tip, planar_to_free
-from tactilenlp.geometry.transforms import continuous
+from tactilenlp.geometry.transforms import rotvecs
 from tactilenlp.interface.request import make_job
 from tactilenlp.search import proposals_tumble as tumble
 from tactilenlp.search.proposals_tumble import tips_to_try
@@ -61,8 +61,8 @@ def test_rotation_vectors_go_on_beyond_half_a_turn():
     angle = np.linspace(0, 1.9 * np.pi, 40)
     turned = np.outer(angle, [0.6, 0.0, 0.8])
     R = Rotation.from_rotvec(turned).as_matrix()
-    np.testing.assert_allclose(continuous(R), turned, atol=1e-9)
-    np.testing.assert_allclose(continuous(R[:10]), turned[:10], atol=1e-9)
+    np.testing.assert_allclose(rotvecs(R), turned, atol=1e-9)
+    np.testing.assert_allclose(rotvecs(R[:10]), turned[:10], atol=1e-9)
 
 
 def test_a_push_that_tips_at_the_last_sample_leaves_no_time_to_fall(recorded):
@@ -75,7 +75,7 @@ def test_a_push_that_tips_at_the_last_sample_leaves_no_time_to_fall(recorded):
     normal[:-1, pusher], normal[-1, pusher] = 0.0, (np.cos(tilt), 0.0, np.sin(tilt))
     data = replace(data, contact=contact, normal=normal)
     job = make_job(data, scene, CUBOID, Options(), time.monotonic(), page)
-    falls = tumble.tumbled(job, ())
+    falls = tumble.last_tumbles(job, ())
     assert falls
     assert {fall.x.shape for fall in falls} == {(6, data.samples)}
 
@@ -83,5 +83,5 @@ def test_a_push_that_tips_at_the_last_sample_leaves_no_time_to_fall(recorded):
 def test_rotation_vectors_are_continuous_over_several_turns():
     angle = np.linspace(0, 5 * np.pi, 60)
     w = np.outer(angle, [0.0, 0.6, 0.8])
-    found = continuous(Rotation.from_rotvec(w).as_matrix())
+    found = rotvecs(Rotation.from_rotvec(w).as_matrix())
     np.testing.assert_allclose(found, w, atol=1e-9)

@@ -13,7 +13,7 @@ from tactilenlp.tracking import filter_steps, mapped
 from tactilenlp.tracking.filter_steps import OUTLIER, corrections, prediction
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.tracking import between_actions
-from tactilenlp.tracking.tracks import started
+from tactilenlp.tracking.tracks import new_tracks
 
 RADIUS, FRICTION = 0.01, (0.3, 0.5)  # [m]; of the ground, of the fingers
 BOX = np.array([0.06, 0.04, 0.05, 0.0, 0.0, 0.0])  # [m, rad] sides, pose
@@ -251,7 +251,7 @@ def test_motions_between_actions_are_drawn_from_the_density_of_the_page():
     """Of a finger that died while it pushed, the box turned 8 noise scales, unseen."""
     S, rng = 20_000, np.random.default_rng(0)
     z = np.repeat(BOX[:, None], S, axis=1)
-    tracks = started(z, np.zeros((6, 6, S)), 2, rng)
+    tracks = new_tracks(z, np.zeros((6, 6, S)), 2, rng)
     after = between_actions(tracks, rng)
     assert (after.z == z).all()
     assert not after.motion.any()

@@ -47,7 +47,7 @@ def test_a_search_leaves_the_actions_it_is_through_with(recorded, pressed, monke
 
     data, scene, _ = recorded
     data = data.select(range(3))
-    pressed(search, "tracked", 2)
+    pressed(search, "tracks_after", 2)
     with pytest.raises(Interrupted, match="2 of 3 actions") as stop:
         solve_estimate(data, scene, options=QUICK, throw=False)
     found = stop.value.estimate
@@ -131,7 +131,7 @@ def test_a_search_for_a_polytope_leaves_what_its_planes_carve_out(pressed, monke
 def test_before_anything_is_found_there_is_nothing(recorded, pressed):
     from tactilenlp.search import multi_hypothesis as search
 
-    pressed(search, "tracked", 0)
+    pressed(search, "tracks_after", 0)
     with pytest.raises(KeyboardInterrupt, match="before anything") as stop:
         solve_estimate(recorded[0], recorded[1], options=QUICK)
     assert stop.value.estimate is None

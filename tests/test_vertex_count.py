@@ -23,13 +23,13 @@ from tactilenlp.information.mixture import (
     occam_of_vertices,
 )
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.local_solve import built_page
 from tactilenlp.nlp.diagnostics import check
 from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.search import polytope_init
-from tactilenlp.search.hypothesis import Hypothesis
-from tactilenlp.search.local_solve import built_page
 from tactilenlp.search.polytope_init import likeliest, search_polytope
 
 CUBE = 0.02 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
@@ -179,7 +179,7 @@ def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_wo
 
     monkeypatch.setattr(refinement, "multistart", multistart)
     with pytest.raises(KeyboardInterrupt):
-        refinement._solved_promising(None, bodies, None, None, ())
+        refinement._solve_promising(None, bodies, None, None, ())
     assert [h.theta.size // 3 for h in solved] == [6, 16]
 
 

@@ -7,7 +7,8 @@ python examples/benchmarks/estimate_cuboid.py ../shared/scenes/cuboid_*.npz
 The truth is read here, never by the package.  It gives the errors, and the start of a
 second solve of the same page, whose objective a good search must reach.  CPU seconds
 exclude the derivation of term functions (kinds_s); a case that derives some is
-repeated.
+repeated.  Rows are kept in runs.jsonl as cases end (study.py): called again, the script
+runs what is missing.
 """
 
 import json
@@ -21,7 +22,7 @@ import numpy as np
 from chamfer import chamfer_code, chamfer_floor, chamfer_paper
 from judging import placed
 from report_cuboid import report
-from study import executor_of, mapped, study_parser, write_csv
+from study import study_parser, tabled_study, telling
 from trimesh.creation import box
 from trimesh.sample import sample_surface
 
@@ -30,10 +31,9 @@ from tactilenlp.data.sensor_noise import precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import touched_faces
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
+from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.term_functions import default_cache
-from tactilenlp.search.hypothesis import Hypothesis
 
 A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion
@@ -131,7 +131,7 @@ def compare(estimate, truth) -> dict:
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
             row[f"{part}_{axis}_ratio"] = abs(e) / s
-    faces = touched_faces(data, truth.quaternion[: last + 1], FACE_COSINE)
+    faces = touched_faces(data, truth.quaternion[: last + 1])
     faces[2, 0] += KNOWN_FACE  # the ground touches -z
     row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= KNOWN_FACE) for i in range(3)}
     return row | {"unobserved": "; ".join(estimate.information.unobserved)}
@@ -188,9 +188,10 @@ def run(case, data, truth, start=None):
     return row, estimate
 
 
-def run_case(case) -> list[dict]:
+def run_case(*arguments) -> list[dict]:
     """Return the rows of a case: from scratch, and from the estimate before."""
-    data, truth, rows, before = Measurements.load(case.file), Truth(case.file), [], None
+    case, rows, before = Case(*arguments), [], None
+    data, truth = Measurements.load(case.file), Truth(case.file)
     for na in case.actions:
         part = data.select(np.unique(data.action)[:na])
         row, estimate = run(case, part, truth)
@@ -204,33 +205,16 @@ def run_case(case) -> list[dict]:
     return rows
 
 
-def cases_of(arguments) -> list[Case]:
-    """Return what to run: cuboids only; the slow unreduced path for the last na."""
+def cases_of(arguments) -> list[tuple]:
+    """Return the Cases to run: cuboids; the slow unreduced path for the last na."""
     cases, ways = [], (arguments.knowledge, arguments.formulations, arguments.paths)
     for file in (f for f in arguments.files if "side_lengths" in np.load(f)):
         count = Measurements.load(file).actions
         some = [na for na in arguments.actions or range(1, count + 1) if na <= count]
         for way in product(*ways):
             chosen = some if way[-1] == "reduced" else some[-1:]
-            cases.append(Case(file, *way, chosen or [count]))
+            cases.append((file, *way, chosen or [count]))
     return cases
-
-
-def run_all(cases, executor):
-    """Yield all rows so far; where a process dies, each of its runs has failed."""
-    rows = []
-    found = mapped(executor, run_case, [(case,) for case in cases], lost)
-    for case, new in zip(cases, found, strict=True):
-        rows += new
-        print(len(rows), "rows, done:", *vars(case).values(), flush=True)
-        yield rows
-
-
-def lost(arguments, error) -> list[dict]:
-    """Return the rows of a case that failed."""
-    (case,) = arguments
-    said = {"success": False, "error": repr(error)}
-    return [case.label(na) | said for na in case.actions]
 
 
 def main() -> None:
@@ -243,12 +227,11 @@ def main() -> None:
     add("--knowledge", nargs="+", default=["known"], choices=KNOWLEDGE)
     add("--out", type=Path, default=Path("benchmark"))
     arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    with executor_of(arguments) as executor:
-        for rows in run_all(cases_of(arguments), executor):
-            (arguments.out / "runs.json").write_text(json.dumps(rows))
-    write_csv(arguments.out / "runs.csv", rows)
-    report([arguments.out / "runs.json"])
+    path, cases = arguments.out / "runs", cases_of(arguments)
+    say = telling("success", "mean_mm", "cpu_s", "error")
+    rows = tabled_study(arguments, path, run_case, cases, say=say)
+    path.with_suffix(".json").write_text(json.dumps(rows))
+    report([path.with_suffix(".json")])
 
 
 if __name__ == "__main__":

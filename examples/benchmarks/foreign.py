@@ -30,7 +30,6 @@ from study import study_parser, table, tabled_study, telling, write_csv
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.geometry.faces import touched_faces
-from tactilenlp.information.information import FACE_COSINE
 from tactilenlp.information.measurement_noise import KNOWN_FACE
 
 TOLD = ("refused", *(f"side_{a}_error" for a in "xyz"), "verdict", "cpu_s")
@@ -67,7 +66,7 @@ def judged(departure: str, strength: str, number: int, actions: int, file=None) 
     last = data.samples - 1
     pose = true["object_position"][last], true["object_quaternion"][last]
     row |= errors_in(estimate, true["side_lengths"], *pose)
-    faces = touched_faces(data, true["object_quaternion"][: last + 1], FACE_COSINE)
+    faces = touched_faces(data, true["object_quaternion"][: last + 1])
     faces[2, 0] += KNOWN_FACE  # the ground touches -z
     known = faces.min(axis=1) >= KNOWN_FACE
     return row | {f"touched_{a}": bool(k) for a, k in zip("xyz", known, strict=True)}

@@ -142,11 +142,6 @@ def compared(rows) -> list[str]:
     return lines
 
 
-def rows_of(trials) -> list[dict]:
-    """Return the rows of all trials: one per action."""
-    return [row for trial in trials for row in trial]
-
-
 def main() -> None:
     worlds = [name for name, kinds in DEPARTURES.items() if _of_world(kinds)]
     parser = arguments(__doc__, "boxes", 20, 5, worlds)
@@ -164,11 +159,11 @@ def main() -> None:
     ]
     path = chosen.folder / "foreign_exploration"
     say = telling("refused", "surface_mm", "verdict")
-    found = tabled_study(chosen, path, explored, cases, say=say, table=rows_of)
-    cells = summary(rows_of(found))
+    rows = tabled_study(chosen, path, explored, cases, say=say)
+    cells = summary(rows)
     write_csv(chosen.folder / "foreign_exploration_summary.csv", cells)
     print(table(cells))
-    for line in compared(rows_of(found)):
+    for line in compared(rows):
         print(line)
 
 

@@ -8,7 +8,7 @@ from trimesh.transformations import quaternion_matrix, translation_matrix
 
 from formulations.shape import CUBOID
 from tactilenlp import Problem, solve_estimate
-from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
@@ -60,7 +60,7 @@ def stated(page, data, scene, theta, x):
     theta (3,) [m] and x (3, T): sizes and planar poses that a solve will start from.
     """
     precision, made = precision_of(data, scene), required_reductions(page, Reductions())
-    known = smoothed(data, precision), scene, CUBOID, precision, made
+    known = smooth_paths(data, precision), scene, CUBOID, precision, made
     window, problem = reduce(*known, guess=(theta, x)), Problem()
     page.build(problem, window, scene, CUBOID)
     return problem, window

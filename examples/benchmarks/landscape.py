@@ -25,7 +25,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path
-from study import executor_of, mapped, study_parser, write_csv
+from study import executor_of, mapped, study_parser, table, write_csv
 
 from formulations import multiple_shooting, violation_implicit
 from formulations.finger import SPHERE
@@ -148,17 +148,11 @@ def described(losses, grid, **cell):
             slope = np.abs(np.diff(values)) / (1e3 * np.diff(grid))
             low, high = np.quantile(slope, (0.05, 0.95))
             at = grid[np.argmin(values)]
-            row = {
+            rows.append({
                 **cell, "along": way, "loss": name, "minima": minima(values),
                 "slope_05": low, "slope_95": high, "slope_most": slope.max(),
                 "lowest_mm": 1e3 * at, "range_nats": np.ptp(values),
-            }  # fmt: skip
-            rows.append(row)
-            print(f"{row['actions']} actions, {way:9}{name:30}", end="")
-            print(
-                f"minima {row['minima']:3d}   slope {low:8.2g} .. {high:8.3g}", end=""
-            )
-            print(f", at most {slope.max():6.3g}   lowest at {1e3 * at:6.2f} mm")
+            })  # fmt: skip
     return rows
 
 
@@ -221,6 +215,7 @@ def main() -> None:
             found[len(some)][way] = curves
     for na, curves in found.items():
         rows += described(curves, grid, recording=args.file.stem, actions=na)
+    print(table(rows))
     write_csv(args.out / "landscape.csv", rows)
     draw(found, grid, args.out / "landscape.png")
 

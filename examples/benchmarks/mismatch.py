@@ -30,10 +30,10 @@ from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, World, surface_distance
 from tactilenlp.geometry.convex_hull import (
-    filled,
+    fewer_vertices,
     hull_vertices,
+    more_vertices,
     nearest_triangles,
-    thinned,
 )
 
 POINTS = 1000  # of the true surface, to which a class is fitted
@@ -83,13 +83,13 @@ def played(name: str, shape: str, trial: int, actions: int) -> World:
     return world
 
 
-def best_hull(mesh, count: int = 20):
-    """Return the hull of so many vertices fitted to a surface by nearest points."""
+def best_polytope(mesh, count: int = 20):
+    """Return the polytope of so many vertices fitted to a surface by nearest points."""
     points, _ = trimesh.sample.sample_surface_even(mesh, POINTS, seed=SEED)
-    V = filled(thinned(mesh.vertices, count), count)
+    V = more_vertices(fewer_vertices(mesh.vertices, count), count)
     found, best = convex_hull(V), np.inf
     for _ in range(ROUNDS):
-        V = filled(hull_vertices(V), count)
+        V = more_vertices(hull_vertices(V), count)
         on, corners = nearest_triangles(V, points)
         off = points - on
         share = np.zeros((len(points), count))
@@ -148,7 +148,7 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
     mesh = world.true_body(data.time[-1]).mesh
     known = ("mass", "friction_ground", "friction_finger", "gravity")
     scene = Scene(**{key: getattr(world, key) for key in known})
-    fit = best_hull(mesh) if shape == "polytope" else best_box(mesh)
+    fit = best_polytope(mesh) if shape == "polytope" else best_box(mesh)
     row = {"body": name, "class": shape, "trial": trial, "actions": actions}
     felt = world.truth.contact & data.valid
     points = carried_along(world.truth, felt, data.finger_radius)

@@ -22,7 +22,7 @@ import numpy as np
 from study import executor_of, grouped, run_study, study_parser, table, write_csv
 
 from tactilenlp import Measurements, Scene
-from tactilenlp.data.mistakes import most_likely, record_of, suspected
+from tactilenlp.data.mistakes import most_likely, record_of, suspicion
 from tactilenlp.errors import MeasurementError
 
 SHIFTS = (-8, -5, -3, 3, 5, 8)  # samples
@@ -142,7 +142,7 @@ def refusal(arrays: dict) -> tuple[str, float, float, str]:
         Scene().check(data)
     except MeasurementError as error:
         return f"ground: {error.what}", gain, seconds, ""
-    return "", gain, seconds, suspected(data, Scene())
+    return "", gain, seconds, suspicion(data, Scene())
 
 
 def judged(path: str, correct: bool) -> list[list]:

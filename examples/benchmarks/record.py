@@ -46,10 +46,6 @@ class Quantity:
     least: float = 0.0
 
 
-ERROR = Quantity("mm", "median", "up", 0.25, 0.05)
-SECONDS = Quantity("cpu_s", "median", "up", 0.5, 0.1)
-ITERATIONS = Quantity("iterations", "median", "up", 0.25, 2)
-SOLVED = Quantity("converged", "share", "down", 0.0, 0.1)
 RECIPES = {  # name -> columns that make a group of rows, and its quantities
     "stability": (
         ("axis", "way"),
@@ -57,26 +53,11 @@ RECIPES = {  # name -> columns that make a group of rows, and its quantities
     ),
     "formulations": (
         ("start", "actions", "page"),
-        (ERROR, SOLVED, ITERATIONS, SECONDS),
-    ),
-    "ablation": (
-        ("start", "actions", "page"),
-        (ERROR, SOLVED, Quantity("gained_mJ", "median", "up", 0.5, 0.05)),
-    ),
-    "estimate_cuboid": (
-        ("noisy", "knowledge", "formulation", "path", "na", "start"),
         (
-            Quantity("mean_mm", "median", "up", 0.25, 0.05),
-            Quantity("mean_mm", "worst", "up", 0.25, 0.2),
-            Quantity("success", "share", "down"),
-            SECONDS,
-        ),
-    ),
-    "exploration_study": (
-        ("policy", "start", "action"),
-        (
-            Quantity("p2s_mm", "median", "up", 0.5, 0.05),
-            Quantity("p2s_mm", "worst", "up", 0.5, 0.5),
+            Quantity("mm", "median", "up", 0.25, 0.05),
+            Quantity("converged", "share", "down", 0.0, 0.1),
+            Quantity("iterations", "median", "up", 0.25, 2),
+            Quantity("cpu_s", "median", "up", 0.5, 0.1),
         ),
     ),
 }

@@ -33,23 +33,23 @@ from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
 from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import Deadline
-from tactilenlp.data.sensor_noise import precision_of, smoothed
+from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.geometry.tipping import planar_to_free
-from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.hypothesis import FunctionsByPage, Hypothesis, Job
-from tactilenlp.search.local_solve import (
+from tactilenlp.local.hypothesis import FunctionsByPage, Hypothesis, Job
+from tactilenlp.local.local_solve import (
     built_page,
     freed_to_tilt,
     solved_from,
     warm_started,
 )
+from tactilenlp.local.solved import BuiltPage, Solved
+from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.polytope_init import search_polytope
 from tactilenlp.search.proposals_floating import (
     in_free_motion,
     in_search_plane,
     search_plane,
 )
-from tactilenlp.search.solved import BuiltPage, Solved
 from tactilenlp.simulation.world import World
 
 PAGES = {"cuboid": violation_implicit, "polytope": polytope_violation_implicit}
@@ -79,7 +79,7 @@ class Way:
         """Return what a solve needs to know."""
         precision = precision_of(self.data, self.scene)
         return Job(
-            smoothed(self.data, precision), self.scene, self.shape, precision,
+            smooth_paths(self.data, precision), self.scene, self.shape, precision,
             Reductions.of(self.off), self.page, Options(), Deadline.within(LONGEST),
             FunctionsByPage(),
         )  # fmt: skip

@@ -4,6 +4,7 @@ A row is the result of `reductions.py` for one variant of a problem.
 """
 
 import numpy as np
+from study import table
 
 BASE = "all reductions"
 NONE = ("still", "far", "absent", "planar")
@@ -26,48 +27,37 @@ def failed(error) -> dict:
 
 
 def print_table(rows) -> None:
-    print(f"\n{rows[0]['scene']:28}" + "".join(f"{head:>12}" for head in HEADS)
-          + "       optimum      put back")  # fmt: skip
-    for row in rows:
-        sizes = "".join(f"{row[head]:12.0f}" for head in HEADS[:5])
-        back = "" if np.isnan(row["put back"]) else f"{row['put back']:.6f}"
-        print(
-            f"{row['way']:28}{sizes}{row['ms/it']:12.2f}{row['CPU s']:12.2f}"
-            f"{row['optimum']:14.4f}{back:>14}"
-            f"  {'' if row['status'] == 'Solve_Succeeded' else row['status'][:200]}",
-            flush=True,
-        )
+    """Print what each way of writing the problem of a scene took."""
+    optima = ("optimum", "put back")  # of which three digits are not enough
+    rows = [row | {name: f"{row[name]:.6f}" for name in optima} for row in rows]
+    columns = "way", *HEADS, *optima, "status"
+    print(f"\n{rows[0]['scene']}\n{table(rows, *columns)}", flush=True)
 
 
 def print_pairs(shape, rows) -> None:
     """Print what each reduction saves, medians over the scenes where both converge."""
-    print(f"\nLeft out of a {shape:12}scenes    variables          terms"
-          "          ms/it          CPU s   times faster (least, most)"
-          "   optimum apart (median, most)   put back (most)")  # fmt: skip
-    found = {(row["scene"], row["way"]): row for row in rows}
+    found, lines = {(row["scene"], row["way"]): row for row in rows}, []
     for name, (more, less) in PAIRS.items():
         both = [
             (found[scene, more], found[scene, less])
             for scene in {row["scene"]: None for row in rows}
             if (scene, more) in found and (scene, less) in found
         ]
-        if not both:
-            continue
         good = [pair for pair in both if all(r["status"] in SOLVED for r in pair)]
-        text = f"{name:22}{len(good):4} of {len(both):2}"
+        line = {"left out": name, "scenes": f"{len(good)} of {len(both)}"}
         if good:
-            for key, digits in (
-                ("variables", 0),
-                ("terms", 0),
-                ("ms/it", 2),
-                ("CPU s", 2),
-            ):
-                before, after = (np.median([p[k][key] for p in good]) for k in (0, 1))
-                text += f"{before:9.{digits}f}{after:7.{digits}f}"
+            for key in ("variables", "terms", "ms/it", "CPU s"):
+                sides = (np.median([p[k][key] for p in good]) for k in (0, 1))
+                line[key] = "{:.4g} to {:.4g}".format(*sides)
             ratio = [a["CPU s"] / b["CPU s"] for a, b in good]
+            line["times faster"] = f"{np.median(ratio):.2f}"
+            line["least, most"] = f"{min(ratio):.2f}, {max(ratio):.2f}"
             apart = [abs(a["optimum"] - b["optimum"]) for a, b in good]
-            text += f"{np.median(ratio):10.2f} ({min(ratio):.2f}, {max(ratio):.2f})"
-            text += f"{np.median(apart):20.1e} {max(apart):.1e}"
+            line["optimum apart, most"] = f"{np.median(apart):.1e}, {max(apart):.1e}"
             back = [abs(a["put back"] - b["put back"]) for a, b in good]
-            text += "" if np.isnan(back).all() else f"{np.nanmax(back):18.1e}"
-        print(text)
+            line["put back, most"] = (
+                f"{np.nanmax(back):.1e}" if np.isfinite(back).any() else ""
+            )
+        lines += [line] * bool(both)
+    names = dict.fromkeys(key for line in lines for key in line)
+    print(f"\nLeft out of a {shape}:\n{table(lines, *names)}")

@@ -41,11 +41,8 @@ def counted():
     The estimate is the most probable optimum, which need not be the lowest one.
     """
     from tactilenlp.estimation import optima
+    from tactilenlp.solvers import solve as solving
 
-    try:
-        from tactilenlp.solvers import solve as solving
-    except ImportError:  # a commit up to b236262
-        from tactilenlp.nlp import ipopt as solving
     counts, solve, refined = [0, 0, np.inf], solving.solve, optima.refined
     most = 0  # samples: a search action by action also solves parts of the data
 
@@ -130,8 +127,8 @@ def solved_along(data, scene, theta, position, quaternion) -> float:
     from tactilenlp import Options
     from tactilenlp.interface.options import Session
     from tactilenlp.interface.request import read_request
-    from tactilenlp.search.hypothesis import Hypothesis
-    from tactilenlp.search.local_solve import solved_from
+    from tactilenlp.local.hypothesis import Hypothesis
+    from tactilenlp.local.local_solve import solved_from
 
     page, n = "violation_implicit", data.samples
     request, _ = read_request(

@@ -115,7 +115,7 @@ def against_truth(estimate, truth: Truth) -> dict:
     found = [estimate.theta, estimate.position, estimate.quaternion]
     if not all(np.isfinite(f).all() for f in found):
         return row("estimate", NAN)
-    errors = (_of_box if estimate.shape == "cuboid" else _of_hull)(estimate, truth)
+    errors = (_of_box if estimate.shape == "cuboid" else _of_polytope)(estimate, truth)
     numbers = np.array([(e, s) for _, e, s in errors])
     if np.isnan(numbers[:, 1]).any():
         return row("estimate", NAN, words="a sigma is not a number")
@@ -160,7 +160,7 @@ def _of_box(estimate, truth):
     return out
 
 
-def _of_hull(estimate, truth):
+def _of_polytope(estimate, truth):
     """Return (name, error, sigma) [m] of the faces that were touched.
 
     The error of a face is how far off the true body's support is along its normal.

@@ -74,12 +74,13 @@ def tabled_study(arguments, path, function, cases, say=None, table=None):
     """Run a study on the executor that `arguments` choose; return its results.
 
     path: without suffix.  path.jsonl keeps the trials, path.csv is their table, and the
-    study has the path's last part as its name.  table(results): the rows of the table,
-    by default the results.
+    study has the path's last part as its name.  Results of several rows are returned as
+    these.  table(results): the rows of the table, by default the results.
     """
     file, name = path.with_suffix(".jsonl"), path.name.replace("_", " ")
     with executor_of(arguments) as executor:
         results = run_study(file, name, function, cases, executor, say=say)
+    results = [row for r in results for row in (r if isinstance(r, list) else [r])]
     write_csv(path.with_suffix(".csv"), table(results) if table else results)
     return results
 

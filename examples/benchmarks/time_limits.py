@@ -97,8 +97,8 @@ def main() -> int:
         kind, file, limit = given.one
         print(json.dumps(measured(kind, file, float(limit))))
         return 0
-    hulls = ["platonic" in Path(file).name for file in given.recordings]
-    kinds = ["polytope" if hull else "cuboid" for hull in hulls]
+    polytopes = ["platonic" in Path(file).name for file in given.recordings]
+    kinds = ["polytope" if one else "cuboid" for one in polytopes]
     cases = [*zip(kinds, given.recordings, strict=True)]
     cases += [("cuboid", f"{MANY} actions"), ("polytope", f"{MANY} actions")]
     cases += [(TOSSES, given.tosses)] if given.tosses else []

@@ -14,9 +14,9 @@ LINES, COLUMNS = 8, 88  # of a printed result
 
 def brief(thing) -> str:
     """Return the name and fields of a dataclass, at most LINES lines."""
-    told = (f"{f.name}={_told(getattr(thing, f.name))}" for f in fields(thing))
+    words = (f"{f.name}={_in_words(getattr(thing, f.name))}" for f in fields(thing))
     return textwrap.fill(
-        f"{type(thing).__name__}({', '.join(told)})", COLUMNS,
+        f"{type(thing).__name__}({', '.join(words)})", COLUMNS,
         subsequent_indent="  ", max_lines=LINES, placeholder=" ...)",
     )  # fmt: skip
 
@@ -25,8 +25,8 @@ def as_html(thing) -> str:
     """Return what a notebook shows of a dataclass: summary, if it has one, fields."""
     head = thing.summary() if hasattr(thing, "summary") else type(thing).__name__
     text = f"<p>{html.escape(head)}</p>".replace("\n", "<br>")
-    pairs = ((f.name, _told(getattr(thing, f.name))) for f in fields(thing))
-    cells = (f"<tr><th>{n}</th><td>{html.escape(told)}</td></tr>" for n, told in pairs)
+    pairs = ((f.name, _in_words(getattr(thing, f.name))) for f in fields(thing))
+    cells = (f"<tr><th>{n}</th><td>{html.escape(v)}</td></tr>" for n, v in pairs)
     return f"{text}<table>{''.join(cells)}</table>"
 
 
@@ -42,7 +42,7 @@ def shown(cls):
     return cls
 
 
-def _told(value) -> str:
+def _in_words(value) -> str:
     """Return one value in a few words."""
     if isinstance(value, np.ndarray):
         return np.array2string(value, precision=4) if value.size <= 3 else (

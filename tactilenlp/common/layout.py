@@ -119,8 +119,8 @@ def _check_shape(where: str, value, shape: tuple, sizes: dict) -> None:
     fits = len(got) >= len(axes) if Ellipsis in shape else len(got) == len(axes)
     if fits:
         for axis, size in zip(axes, got, strict=False):
-            known = _known_size(axis, size, sizes)
-            fits = fits and known in (size, ANY)
+            expected_size = _known_size(axis, size, sizes)
+            fits = fits and expected_size in (size, ANY)
     if not fits:
         expected = ", ".join(
             f"{axis} = {sizes[axis]}" if axis in sizes else str(axis) for axis in shape

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..errors import FileError, MeasurementError, TactileError
 from .layout import check_kinds, check_layout
-from .whole_file import opened, whole_file
+from .whole_file import open_file, whole_file
 
 UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .npy file
     *(ValueError, EOFError, OSError, RuntimeError, AttributeError, TypeError),
@@ -55,7 +55,7 @@ def read_npz(
     there is no file.
     """
     arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
-    with opened(path, error) as stream:
+    with open_file(path, error) as stream:
         try:
             check_declared(stream, error, where)
             with np.load(stream, allow_pickle=False) as archive:
@@ -67,9 +67,10 @@ def read_npz(
         except TactileError:
             raise
         except UNREADABLE as bad:
-            parts = {"where": where, "got": f"{type(bad).__name__}: {bad}"}
-            parts |= {"expected": "an .npz file of plain arrays"}
-            raise error("cannot be read", next="use numpy.savez", **parts) from bad
+            raise error(
+                "cannot be read", where=where, got=f"{type(bad).__name__}: {bad}",
+                expected="an .npz file of plain arrays", next="use numpy.savez",
+            ) from bad  # fmt: skip
     return arrays
 
 
@@ -127,16 +128,16 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
         foreign = partial(_foreign, header, str(path))
         _check_version(header, name, number, str(path), foreign)
         _check_fields(header["content"], kinds, foreign)
-        found = _unpack(header["content"], arrays, kinds)
+        result = _unpack(header["content"], arrays, kinds)
     except FileError:
         raise
     except MALFORMED as bad:
         got = f"{type(bad).__name__}: {bad}"
         raise FileError("the header is damaged", where=str(path), got=got) from bad
-    if not isinstance(found, kind):
-        got = type(found).__name__
+    if not isinstance(result, kind):
+        got = type(result).__name__
         raise FileError(f"not an {name}", where=str(path), got=got)
-    return found
+    return result
 
 
 def format_of(path) -> str:
@@ -155,14 +156,14 @@ def versions() -> dict[str, str]:
 
 def _check_version(header, name: str, number: int, where: str, foreign) -> None:
     """Raise FileError unless a header names this format and version."""
-    found = header["format"]
-    if "version" not in header and isinstance(found, int):
+    stated = header["format"]
+    if "version" not in header and isinstance(stated, int):
         # The first files had only a number, and were estimates.
         of = "" if name == "estimate" else " of an estimate"
         expected = f"version {number}{of and f' of an {name}'}"
-        raise foreign(f"version {found}{of}", expected)
-    if found != name:
-        raise FileError(f"not an {name}", where=where, got=f"an {found}")
+        raise foreign(f"version {stated}{of}", expected)
+    if stated != name:
+        raise FileError(f"not an {name}", where=where, got=f"an {stated}")
     if header["version"] != number:
         raise foreign(f"version {header['version']}", f"version {number}")
 
@@ -248,6 +249,6 @@ def _unpack(tree, arrays: dict, kinds: dict):
     own = _fields_by_name(kind)
     fields = {own[k].name: v for k, v in inner(tree["fields"].items()).items()}
     check_kinds(kind, fields)
-    found = getattr(kind, "from_file", kind)(**fields)
-    check_layout(found)
-    return found
+    thing = getattr(kind, "from_file", kind)(**fields)
+    check_layout(thing)
+    return thing

@@ -53,14 +53,14 @@ def numbers_of(
     shape: sizes; a word stands for any size, `...` in front for any axes of any size.
     NaN and infinity are numbers, unless `finite`.
     """
-    given, shape = as_array(value), shape or (...,)
-    array = as_floats(given)
+    raw, shape = as_array(value), shape or (...,)
+    array = as_floats(raw)
     any_axes = shape[0] is ...
     sizes = shape[any_axes:]
     tail = array.shape[array.ndim - len(sizes) :] if any_axes else array.shape
     fit = all(isinstance(n, str) or n == m for n, m in zip(sizes, tail, strict=False))
-    known = np.isfinite(array).all() if finite else given is not None
-    if fit and known and len(tail) == len(sizes):
+    valid = np.isfinite(array).all() if finite else raw is not None
+    if fit and valid and len(tail) == len(sizes):
         return array
     words = ", ".join("..." if n is ... else str(n) for n in shape)
     words = f"({words}{',' * (len(shape) == 1)}) {'finite ' * finite}numbers {unit}"
@@ -192,24 +192,28 @@ def checked_trajectory(
     longest [s], farthest [m] from the origin.  Raises `error` for other shapes, and
     where numbers are not finite or beyond these limits.
     """
-    given = [getattr(trajectory, k, None) for k in ("time", "finger_position")]
-    time, p_wf = (as_floats(() if as_array(x) is None else x) for x in given)
+    values = [getattr(trajectory, k, None) for k in ("time", "finger_position")]
+    time, p_wf = (as_floats(() if as_array(x) is None else x) for x in values)
     good = time.ndim == 1 and time.size > 1 and np.isfinite(time).all()
     if not (good and (time[1:] > time[:-1]).all()):
-        got = f"time {time.shape}, finger_position {p_wf.shape}"
-        expected = "(n,) [s], finite, increasing, n >= 2"
-        raise error("no trajectory", where="time", got=got, expected=expected)
+        raise error(
+            "no trajectory", where="time",
+            got=f"time {time.shape}, finger_position {p_wf.shape}",
+            expected="(n,) [s], finite, increasing, n >= 2",
+        )  # fmt: skip
     shape = (time.size, fingers, 3)
     if p_wf.shape != shape or not (abs(p_wf) <= farthest).all():
-        where, got = "finger_position", f"shape {p_wf.shape}"
-        expected = f"{shape} [m], finite, within {farthest:g} m"
-        raise error("no trajectory", where=where, got=got, expected=expected)
+        raise error(
+            "no trajectory", where="finger_position", got=f"shape {p_wf.shape}",
+            expected=f"{shape} [m], finite, within {farthest:g} m",
+        )  # fmt: skip
     with np.errstate(over="ignore"):
         duration = float(time[-1] - time[0])
     if not duration <= longest:
-        told = {"got": f"{duration:g} s", "expected": f"at most {longest:g} s"}
-        told["next"] = "execute it in parts"
-        raise error("too long for the limits", where="time", **told)
+        raise error(
+            "too long for the limits", where="time", got=f"{duration:g} s",
+            expected=f"at most {longest:g} s", next="execute it in parts",
+        )  # fmt: skip
     return time, p_wf
 
 

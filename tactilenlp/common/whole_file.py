@@ -45,7 +45,7 @@ def whole_file(path):
             Path(name).unlink(missing_ok=True)
 
 
-def opened(path, error: type = FileError):
+def open_file(path, error: type = FileError):
     """Open a regular file for reading bytes; `error` if it is none or cannot be read.
 
     A pipe or a device, which would block, is not opened.  FileNotFoundError is raised

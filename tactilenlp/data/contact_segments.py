@@ -20,6 +20,7 @@ LARGEST_GAP = 2  # samples: a flipped boolean may separate two touches
 COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
 REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 STANDING = 0.05e-3  # [m] a finger that moves less in a sample is not approaching
+NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that turned
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
 
 
@@ -49,10 +50,10 @@ def rate_of(data, values: np.ndarray) -> np.ndarray:
     Zero where an action begins, and for a sample that has come twice.
     """
     interval, rate = np.diff(data.time), np.zeros_like(values)
-    known = data.action[1:] == data.action[:-1]
-    known &= interval > REPEATED * intervals(data)[1:]
+    within = data.action[1:] == data.action[:-1]
+    within &= interval > REPEATED * intervals(data)[1:]
     shape = (-1, *[1] * (values.ndim - 1))
-    rate[1:][known] = np.diff(values, axis=0)[known] / interval[known].reshape(shape)
+    rate[1:][within] = np.diff(values, axis=0)[within] / interval[within].reshape(shape)
     return rate
 
 
@@ -61,6 +62,27 @@ def lasting_contacts(data) -> np.ndarray:
     pair = consecutive_contacts(data)
     none = np.zeros((1, data.fingers), bool)
     return np.vstack([none, pair]) | np.vstack([pair, none])
+
+
+def first_onset(data, actions=None) -> tuple[int, int]:
+    """Return sample and finger of the first touch, of some actions alone if given.
+
+    Of an action in which a touch lasts, it is the first of those.
+    """
+    actions = np.unique(data.action) if actions is None else actions
+    pair = lasting_contacts(data), data.contact
+    felt = (k & (data.action == a)[:, None] for a in actions for k in pair)
+    return next(tuple(np.argwhere(k)[0].tolist()) for k in felt if k.any())
+
+
+def first_contact(data, actions=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point (3,) [m] and the normal (3,) of the first touch."""
+    t, f = first_onset(data, actions)
+    rows = np.arange(t, min(t + NORMAL_SAMPLES, len(data.time)))
+    rows = rows[data.contact[rows, f]]
+    n = data.normal[rows, f].mean(axis=0)
+    n /= max(np.linalg.norm(n), 1e-9)
+    return data.finger_position[t, f] - data.finger_radius[f] * n, n
 
 
 def without_outliers(data: Measurements, sigma: float) -> Measurements:

@@ -46,8 +46,8 @@ class Ground:
     @property
     def tilt(self) -> np.ndarray:
         """(3,) from the ground that was told, world frame: axis times sine of angle."""
-        told = self if self.told is None else self.told
-        return np.cross(told.normal, self.normal)
+        original = self if self.told is None else self.told
+        return np.cross(original.normal, self.normal)
 
     def turned(self, tilt, about) -> Ground:
         """Return the ground turned by rotations (2,) [rad] about its own x and y axes.
@@ -59,9 +59,9 @@ class Ground:
         turn = Rotation.from_rotvec([*tilt, 0.0]).as_matrix()
         normal = self.rotation.T @ turn[:, 2]
         height = float(normal @ self.from_ground(np.asarray(about)))
-        told = self if self.told is None else self.told
+        original = self if self.told is None else self.told
         unit = tuple((normal / np.linalg.norm(normal)).tolist())
-        return Ground(height, unit, told=told)
+        return Ground(height, unit, told=original)
 
     @property
     def rotation(self) -> np.ndarray:

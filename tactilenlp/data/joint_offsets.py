@@ -98,18 +98,18 @@ class JointZeros:
         """(F, 9) [1/m^2]: the inverse of each covariance, flattened for the page."""
         return np.linalg.inv(self.covariance).reshape(-1, 9)
 
-    def beside(self, said: np.ndarray, finger: np.ndarray) -> np.ndarray:
-        """Return rows `said` (n, N) with the 39 numbers of their fingers appended."""
+    def with_numbers(self, p_wf: np.ndarray, finger: np.ndarray) -> np.ndarray:
+        """Return rows `p_wf` (n, N) with the 39 numbers of their fingers appended."""
         slope = self.slope.transpose(0, 3, 2, 1).reshape(-1, 27)
         turn = self.turn.transpose(0, 2, 1).reshape(-1, 9)
-        return np.hstack([said, np.hstack([self.place, slope, turn])[finger]])
+        return np.hstack([p_wf, np.hstack([self.place, slope, turn])[finger]])
 
-    def off(self, said: np.ndarray, e: np.ndarray) -> np.ndarray:
+    def displacement(self, p_wf: np.ndarray, e: np.ndarray) -> np.ndarray:
         """Return the displacements (..., F, 3) [m] at measured positions; e (F, 3)."""
-        way = np.asarray(said) - self.place
+        way = np.asarray(p_wf) - self.place
         return e + np.einsum("...fk,filk,fl->...fi", way, self.slope, e)
 
-    def seen_from(self, ground) -> JointZeros:
+    def in_frame_of(self, ground) -> JointZeros:
         """Return the same in the frame of a Ground."""
         R = ground.rotation
         J = np.array(self.jacobian)

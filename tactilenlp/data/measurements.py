@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..common.brief import shown
+from ..common.brief import same_content, shown
 from ..common.npz import read_npz, write_npz
 from ..common.validation import (
     as_array,
@@ -75,8 +75,8 @@ class Measurements:
     finger_orientation: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        given = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
-        arrays = _shaped({key: _array(key, value) for key, value in given.items()})
+        values = {k: v for k in LAYOUT if (v := getattr(self, k)) is not None}
+        arrays = _shaped({key: _array(key, value) for key, value in values.items()})
         arrays.setdefault("valid", np.ones(arrays["contact"].shape))
         _check_fingers(arrays)
         _check_time(arrays["time"], arrays["action"])
@@ -119,54 +119,51 @@ class Measurements:
     def append(self, other: Measurements) -> Measurements:
         """Return these data followed by those of `other`, its actions renumbered."""
         check_types(other=(other, Measurements))
-        mine, theirs = self.arrays(), other.arrays()
+        ours, theirs = self.arrays(), other.arrays()
         radius, end = self.finger_radius, self.time[-1]
         differ = not np.array_equal(radius, other.finger_radius)
         fix = f"the fingers so far have {radius.tolist()} m"
         _reject("finger_radius", differ, "other fingers", other.finger_radius, fix)
-        differ, fix = mine.keys() != theirs.keys(), "give it in both or in none"
+        differ, fix = ours.keys() != theirs.keys(), "give it in both or in none"
         _reject("finger_orientation", differ, "in one of two", sorted(theirs), fix)
         fix = f"start after {end} s, where the data end: one clock for all actions"
         _reject("time", other.time[:1] <= end, "does not go on", other.time, fix)
         rank = np.unique(other.action, return_inverse=True)[1].reshape(-1)
         theirs["action"] = self.action[-1] + 1 + rank
-        joined = {key: np.concatenate([mine[key], theirs[key]]) for key in mine}
+        joined = {key: np.concatenate([ours[key], theirs[key]]) for key in ours}
         return Measurements(**joined | {"finger_radius": radius})
 
     def select(self, actions: Iterable[int]) -> Measurements:
         """Return the samples of these actions, in time order; numbers are kept."""
-        known = np.unique(self.action)
-        wanted = checked_choice("action", actions, known, MeasurementError)
+        numbers = np.unique(self.action)
+        wanted = checked_choice("action", actions, numbers, MeasurementError)
         return Measurements(**self.arrays(np.isin(self.action, wanted)))
 
     def transformed(self, R: np.ndarray, t: np.ndarray) -> Measurements:
         """Return the data in a frame v: p_v = R p_w + t, R (3, 3), t (3,) [m]."""
         R_vw, t_vw = as_floats(R), as_floats(t)
         if t_vw.shape != (3,) or not is_rotation(R_vw, ROTATION_TOLERANCE):
-            parts = {"where": "R, t", "got": shortened((R, t), most=200)}
-            parts |= {"expected": "a rotation matrix (3, 3) and an offset (3,) [m]"}
-            raise MeasurementError("not a rigid motion", next="check R R' = 1", **parts)
-        moved = self.arrays() | {"normal": self.normal @ R_vw.T}
-        moved["finger_position"] = self.finger_position @ R_vw.T + t_vw
-        if self.finger_orientation is not None:
+            raise MeasurementError(
+                "not a rigid motion", where="R, t", got=shortened((R, t), most=200),
+                expected="a rotation matrix (3, 3) and an offset (3,) [m]",
+                next="check R R' = 1",
+            )  # fmt: skip
+        arrays = self.arrays() | {"normal": self.normal @ R_vw.T}
+        arrays["finger_position"] = self.finger_position @ R_vw.T + t_vw
+        if (wxyz := self.finger_orientation) is not None:
             # lazily: import stays light
             from scipy.spatial.transform import Rotation
 
             from ..geometry.transforms import quaternion_of, rotation_of
 
-            wxyz = self.finger_orientation.reshape(-1, 4)
-            turned = Rotation.from_matrix(R_vw) * rotation_of(wxyz)
-            wxyz = quaternion_of(turned).reshape(self.finger_orientation.shape)
-            moved["finger_orientation"] = wxyz
-        return Measurements(**moved)
+            R_vf = Rotation.from_matrix(R_vw) * rotation_of(wxyz.reshape(-1, 4))
+            arrays["finger_orientation"] = quaternion_of(R_vf).reshape(wxyz.shape)
+        return Measurements(**arrays)
 
     def is_prefix_of(self, other: Measurements) -> bool:
         """Return whether `other` begins with exactly these data."""
         check_types(other=(other, Measurements))
-        mine, theirs = self.arrays(), other.arrays(slice(self.samples))
-        return mine.keys() == theirs.keys() and all(
-            np.array_equal(mine[key], theirs[key]) for key in mine
-        )
+        return same_content(self.arrays(), other.arrays(slice(self.samples)))
 
     def __eq__(self, other: object) -> bool:
         same = isinstance(other, Measurements) and self.samples == other.samples
@@ -198,9 +195,10 @@ def _reject(key: str, bad: np.ndarray | bool, what: str, got: object, fix: str) 
     if index:
         what, got = f"{what} at index {index}", got[index].tolist()
     axes, meaning, _ = LAYOUT[key]
-    expected = str(axes).replace("'", "") + f" {meaning}"
-    parts = {"where": key, "expected": expected, "got": f"{got}", "next": fix}
-    raise MeasurementError(what, index=index, **parts)
+    raise MeasurementError(
+        what, index=index, where=key, got=f"{got}", next=fix,
+        expected=str(axes).replace("'", "") + f" {meaning}",
+    )  # fmt: skip
 
 
 def _array(key: str, value: object) -> np.ndarray:

@@ -69,24 +69,25 @@ def check_mistakes(data: Measurements, scene: Scene) -> None:
     """
     if scene.ground is None:
         return
-    found, gain, limit = most_likely(record_of(data, scene), every=False)
+    mistake, gain, limit = most_likely(record_of(data, scene), every=False)
     if gain > limit:
         raise MistakeError(
-            found.name, mistake=found.name, nats=gain, where=found.where,
+            mistake.name, mistake=mistake.name, nats=gain, where=mistake.where,
             got=f"data that are {gain:.0f} nats more likely once this is undone",
-            expected=f"at most {limit:.0f} nats", next=f"{found.remedy}; {HOW_TO_SKIP}",
+            expected=f"at most {limit:.0f} nats",
+            next=f"{mistake.remedy}; {HOW_TO_SKIP}",
         )  # fmt: skip
 
 
-def suspected(data: Measurements, scene: Scene) -> str:
+def suspicion(data: Measurements, scene: Scene) -> str:
     """Return in words a mistake in data that fit no body well; "" where none is likely.
 
     Its gain need not be enough to refuse the data before they are solved.
     """
     if scene.ground is None:
         return ""
-    found, gain, limit = most_likely(record_of(data, scene), False, SUSPICION)
-    return f"{found.name} ({gain:.0f} nats more likely)" if gain > limit else ""
+    mistake, gain, limit = most_likely(record_of(data, scene), False, SUSPICION)
+    return f"{mistake.name} ({gain:.0f} nats more likely)" if gain > limit else ""
 
 
 def most_likely(
@@ -97,16 +98,16 @@ def most_likely(
     every: evaluate also mistakes whose gain cannot exceed the limit, since the terms
     that they change are near the most that they can be; alpha [1]: of a false alarm.
     """
-    given, tried = log_likelihood(record), [*mistakes_of(record)]
-    limit = float(np.log(len(tried) / alpha))
+    recorded, mistakes = log_likelihood(record), [*mistakes_of(record)]
+    limit = float(np.log(len(mistakes) / alpha))
     best, most = None, -np.inf
-    for one in tried:
+    for one in mistakes:
         if not every and one.terms is not None:
-            known = sum(given[name] for name in one.terms)
-            if most_log_likelihood(record, one.terms) - known < limit:
+            now = sum(recorded[name] for name in one.terms)
+            if most_log_likelihood(record, one.terms) - now < limit:
                 continue
         terms = log_likelihood(one.repaired(), one.terms)
-        gains = {name: told - given[name] for name, told in terms.items()}
+        gains = {name: told - recorded[name] for name, told in terms.items()}
         kinks = min(gains.pop("kinks", 0.0), limit - BY_OTHERS)
         gain = kinks + sum(gains.values())
         if gain > most:
@@ -160,14 +161,14 @@ def _of_axes(record: Record) -> Iterator[Mistake]:
         if np.array_equal(Q, -np.eye(3)):
             mistake = "normals point into the object"
             fix = "give -normal: it points from the object to the finger"
-        turned = partial(record.with_same_touches, normal=record.normal @ Q.T)
-        yield Mistake(mistake, "normal", fix, turned, FRAME_TERMS)
+        repaired = partial(record.with_same_touches, normal=record.normal @ Q.T)
+        yield Mistake(mistake, "normal", fix, repaired, FRAME_TERMS)
     for Q in turns:
-        turned = partial(record.with_same_touches, position=record.position @ Q.T)
+        repaired = partial(record.with_same_touches, position=record.position @ Q.T)
         mistake = "the axes of positions are swapped or mirrored"
         fix = f"give positions {_axes(Q)}"
         terms = (*FRAME_TERMS, "heights")
-        yield Mistake(mistake, "finger_position", fix, turned, terms)
+        yield Mistake(mistake, "finger_position", fix, repaired, terms)
 
 
 def _axes(Q: np.ndarray) -> str:
@@ -196,21 +197,21 @@ def _of_fingers(record: Record) -> Iterator[Mistake]:
         order = np.arange(fingers)
         order[[f, g]] = g, f
         mistake, fix = f"fingers {f} and {g} are swapped", "swap their columns"
-        moved = partial(replace, record, position=record.position[:, order])
+        repaired = partial(replace, record, position=record.position[:, order])
         where, fix = "finger_position", f"{fix} of finger_position, or of all others"
-        yield Mistake(mistake, where, fix, moved)
+        yield Mistake(mistake, where, fix, repaired)
         felt = record.felt[:, order] & record.valid
-        moved = partial(replace, record, felt=felt, normal=record.normal[:, order])
-        yield Mistake(mistake, "contact", fix, moved)
+        repaired = partial(replace, record, felt=felt, normal=record.normal[:, order])
+        yield Mistake(mistake, "contact", fix, repaired)
     for shift in range(1, fingers) if fingers > 2 else ():
         order = np.roll(np.arange(fingers), shift).tolist()
-        moved = partial(replace, record, position=record.position[:, order])
+        repaired = partial(replace, record, position=record.position[:, order])
         fix = f"give finger_position[:, {order}], or order all others so"
-        yield Mistake("fingers are in another order", "finger_position", fix, moved)
+        yield Mistake("fingers are in another order", "finger_position", fix, repaired)
     if fingers == 3:
-        moved = partial(replace, record, position=record.position.transpose(0, 2, 1))
+        repaired = partial(replace, record, position=record.position.transpose(0, 2, 1))
         mistake, fix = "fingers and coordinates are swapped", "give (T, F, 3)"
-        yield Mistake(mistake, "finger_position", fix, moved)
+        yield Mistake(mistake, "finger_position", fix, repaired)
 
 
 def _of_time(record: Record) -> Iterator[Mistake]:
@@ -238,11 +239,11 @@ def _of_time(record: Record) -> Iterator[Mistake]:
 def _felt_later(record: Record, shift: int, f: int) -> Record:
     """Return the record with what one finger feels so many samples later."""
     first, last = record.bounds
-    source, moved = np.clip(np.arange(len(first)) - shift, first, last), {}
+    source, arrays = np.clip(np.arange(len(first)) - shift, first, last), {}
     for key in ("felt", "valid", "normal"):
-        moved[key] = getattr(record, key).copy()
-        moved[key][:, f] = moved[key][source, f]
-    return replace(record, **moved)
+        arrays[key] = getattr(record, key).copy()
+        arrays[key][:, f] = arrays[key][source, f]
+    return replace(record, **arrays)
 
 
 def _shifts(record: Record) -> list[int]:

@@ -66,14 +66,14 @@ def add_noise(data: Measurements, noise: Noise) -> Measurements:
         angle, axis = rng.normal(size=shape), rng.normal(size=(*shape, 3))
         anywhere = _unit(rng.normal(size=(*shape, 3)))
         flipped = (rng.random(shape) < noise.flips) & valid[rows]
-        kept = rng.random(shape) >= noise.dropped
+        received = rng.random(shape) >= noise.dropped
 
         position[rows] += noise.position * white + noise.bias * bias
-        turned = _turned(normal[rows], axis, noise.normal * angle)
-        turned = np.where((flipped & ~contact[rows])[..., None], anywhere, turned)
-        contact[rows] = (contact[rows] ^ flipped) & kept
-        valid[rows] &= kept
-        normal[rows] = np.where(contact[rows][..., None], turned, 0.0)
+        noisy = _turned(normal[rows], axis, noise.normal * angle)
+        noisy = np.where((flipped & ~contact[rows])[..., None], anywhere, noisy)
+        contact[rows] = (contact[rows] ^ flipped) & received
+        valid[rows] &= received
+        normal[rows] = np.where(contact[rows][..., None], noisy, 0.0)
     return replace(
         data, finger_position=position, contact=contact, normal=normal, valid=valid
     )

@@ -94,8 +94,8 @@ def _mean_normal(record: Record, t, f, offsets) -> np.ndarray:
     rows = t[:, None] + np.array(offsets)
     inside = (rows >= first[t][:, None]) & (rows <= last[t][:, None])
     rows = np.where(inside, rows, t[:, None])
-    kept = (inside & record.felt[rows, f[:, None]])[..., None]
-    total = (record.normal[rows, f[:, None]] * kept).sum(axis=1)
+    felt = (inside & record.felt[rows, f[:, None]])[..., None]
+    total = (record.normal[rows, f[:, None]] * felt).sum(axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
 
@@ -127,9 +127,9 @@ def onsets(record: Record) -> float:
     c, sigma = _cosine(record, way, n)
     z = c / sigma
     blurred = c * ndtr(z) + sigma * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    known, others = n.any(axis=1), _others_touch(record, t, f)
-    alone = _mixed(4 * blurred[known & ~others], AGAINST_NORMAL).sum()
-    return alone + of_one_rate(4 * blurred[known & others], BODY_MOVES)
+    has_normal, others = n.any(axis=1), _others_touch(record, t, f)
+    alone = _mixed(4 * blurred[has_normal & ~others], AGAINST_NORMAL).sum()
+    return alone + of_one_rate(4 * blurred[has_normal & others], BODY_MOVES)
 
 
 def onsets_at_rest(record: Record) -> float:
@@ -150,7 +150,7 @@ def releases(record: Record) -> float:
     return of_one_rate(ndtr(2 + c / sigma)[n.any(axis=1)], LET_GO)
 
 
-def begun(record: Record) -> float:
+def begins_touched(record: Record) -> float:
     """An action begins without contact."""
     return np.log(BEGUN) * record.events.begun
 
@@ -159,12 +159,12 @@ def planes(record: Record) -> float:
     """The body is convex: touched points lie behind every touched plane."""
     t, f, u, g, weight = record.events.pairs
     apart = record.contact_point(u, g) - record.contact_point(t, f)
-    n, known = record.normal[t, f], record.normal[u, g].any(axis=1)
-    turned = record.sigma_normal * np.linalg.norm(apart, axis=1)
+    n, has_normal = record.normal[t, f], record.normal[u, g].any(axis=1)
+    by_turn = record.sigma_normal * np.linalg.norm(apart, axis=1)
     placed = np.hypot(BLUNT + record.slack, np.sqrt(2) * record.sigma_position)
-    z = (n * apart).sum(axis=1) / np.hypot(placed, turned)
+    z = (n * apart).sum(axis=1) / np.hypot(placed, by_turn)
     each = _mixed(ndtr(2 - z), OUTSIDE_PLANE)
-    return (weight * (known & n.any(axis=1)) * each).sum()
+    return (weight * (has_normal & n.any(axis=1)) * each).sum()
 
 
 def passages(record: Record) -> float:
@@ -289,7 +289,7 @@ def _kinked_cubics(back: int, ahead: int) -> tuple[np.ndarray, ...]:
 TERMS = {
     term.__name__: term
     for term in (
-        onsets, onsets_at_rest, releases, begun, planes, passages, overlaps, jumps,
-        heights, radii, kinks,
+        onsets, onsets_at_rest, releases, begins_touched, planes, passages, overlaps,
+        jumps, heights, radii, kinks,
     )
 }  # fmt: skip

@@ -23,6 +23,9 @@ SCENE_REMEDIES = {  # of a number that is out of range, where it cannot be None
     "mass": "divide by 1000 if it is in grams; if it is not known, give a guess",
     "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
 }
+# [-] of ground, of fingers where not known; no ground has none: pushes divide by it
+TYPICAL_FRICTION = 0.3, 0.5
+LOW_FRICTION = 0.1  # [-] of the ground, where it is not known and must stop the body
 KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
 
 
@@ -93,8 +96,8 @@ class Scene:
             ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
         ):
             value = getattr(self, name)
-            given = name == "sigma_offset" and isinstance(value, JointZeros)
-            if given or (value is None and unknown):
+            of_joints = name == "sigma_offset" and isinstance(value, JointZeros)
+            if of_joints or (value is None and unknown):
                 continue
             remedy = SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
             fix = "None if unknown" if unknown else remedy
@@ -117,23 +120,23 @@ class Scene:
         without mass raises SceneError unless the mass is given: impulses are in units
         of the weight.  Frictions that the file does not have are those of Scene().
         """
-        names = [known.name for known in fields(cls)]
+        names = [one.name for one in fields(cls)]
         for name in overrides:
             check_one_of("Scene.load", name, names, "a scene has no such field")
-        known = read_npz(path, KNOWN_KEYS, error=SceneError) | overrides
-        if "mass" not in known:
+        values = read_npz(path, KNOWN_KEYS, error=SceneError) | overrides
+        if "mass" not in values:
             raise SceneError(
-                "no mass", where=os.fspath(path), got=f"only {sorted(known)}",
+                "no mass", where=os.fspath(path), got=f"only {sorted(values)}",
                 expected="a number [kg]",
                 next="give it: Scene.load(path, mass=...), --mass on the command line",
             )  # fmt: skip
-        return cls(**known)
+        return cls(**values)
 
     @property
     def as_told(self) -> Scene:
         """The scene with the ground that was given, where another was estimated."""
-        told = None if self.ground is None else self.ground.told
-        return self if told is None else replace(self, ground=told)
+        ground = None if self.ground is None else self.ground.told
+        return self if ground is None else replace(self, ground=ground)
 
     def on_ground_of(self, other: Scene) -> Scene:
         """Return the scene with the ground that was estimated for another one."""
@@ -152,8 +155,8 @@ class Scene:
     @property
     def joints(self) -> JointZeros | None:
         """The joints whose zero angles are wrong, in the ground's frame; or None."""
-        known = isinstance(self.sigma_offset, JointZeros)
-        return self.sigma_offset.seen_from(self.ground) if known else None
+        has_joints = isinstance(self.sigma_offset, JointZeros)
+        return self.sigma_offset.in_frame_of(self.ground) if has_joints else None
 
     @property
     def typical_offset(self) -> float:
@@ -200,3 +203,15 @@ class Scene:
                 next="set Scene(ground=Ground(height=...)), or ground=None for none; "
                 "set valid=False where single positions are wrong",
             )
+
+
+def typical_friction(scene) -> tuple[float, float]:
+    """Return the friction of the ground and of the fingers: typical where not known."""
+    ground, finger = TYPICAL_FRICTION
+    finger = finger if scene.friction_finger is None else scene.friction_finger
+    return scene.friction_ground or ground, finger
+
+
+def low_friction(scene) -> float:
+    """Return the friction of the ground, low where it is not known."""
+    return LOW_FRICTION if scene.friction_ground is None else scene.friction_ground

@@ -114,13 +114,13 @@ def _rounding_of_normals(data: Measurements) -> float:
     """
     jumps = np.linalg.norm(np.diff(data.normal, axis=0), axis=2)
     jumps = jumps[consecutive_contacts(data)]
-    moved = jumps[jumps > SAME_NORMAL]
-    if not 0 < len(moved) < len(jumps) / 2:
+    changes = jumps[jumps > SAME_NORMAL]
+    if not 0 < len(changes) < len(jumps) / 2:
         return 0.0
-    return np.median(moved) / np.sqrt(12) * np.sqrt(len(jumps) / len(moved))
+    return np.median(changes) / np.sqrt(12) * np.sqrt(len(jumps) / len(changes))
 
 
-def smoothed(data: Measurements, precision: Precision) -> Measurements:
+def smooth_paths(data: Measurements, precision: Precision) -> Measurements:
     """Return the data with noisy finger paths smoothed by local parabolas.
 
     White noise of 1 mm is 0.04 m/s at 30 Hz, more than the velocities of slip.  Precise
@@ -199,27 +199,27 @@ def with_fingers_earlier(data: Measurements, lag: float) -> Measurements:
     """Return the data with every finger where it was a lag [s] before each sample."""
     if lag == 0:
         return data
-    moved = {"finger_position": in_time(data, data.finger_position, -lag)}
+    arrays = {"finger_position": shift_in_time(data, data.finger_position, -lag)}
     if (wxyz := data.finger_orientation) is not None:
-        each = [turned_in_time(data, wxyz[:, f], -lag) for f in range(data.fingers)]
-        moved["finger_orientation"] = np.stack(each, axis=1)
-    return replace(data, **moved)
+        each = [shift_rotations(data, wxyz[:, f], -lag) for f in range(data.fingers)]
+        arrays["finger_orientation"] = np.stack(each, axis=1)
+    return replace(data, **arrays)
 
 
-def turned_in_time(data: Measurements, wxyz, by: float) -> np.ndarray:
-    """Return unit quaternions wxyz (T, 4) of the samples, as `in_time` does values."""
+def shift_rotations(data: Measurements, wxyz, by: float) -> np.ndarray:
+    """Return unit quaternions wxyz (T, 4) at other times, as of `shift_in_time`."""
     if by == 0:
         return wxyz
     # lazily: import stays light
     from scipy.spatial.transform import Rotation
 
-    from ..geometry.transforms import continuous, quaternion_of, rotation_of
+    from ..geometry.transforms import quaternion_of, rotation_of, rotvecs
 
-    turns = in_time(data, continuous(rotation_of(wxyz).as_matrix()), by)
+    turns = shift_in_time(data, rotvecs(rotation_of(wxyz).as_matrix()), by)
     return quaternion_of(Rotation.from_rotvec(turns))
 
 
-def in_time(
+def shift_in_time(
     data: Measurements, values: np.ndarray, by: float, beyond: bool = True
 ) -> np.ndarray:
     """Return values (T, ...) of the samples as they are at other times, later by [s].
@@ -236,16 +236,16 @@ def in_time(
     for action in np.unique(data.action):
         rows = np.flatnonzero(data.action == action)
         apart = np.diff(data.time[rows], prepend=-np.inf) > least[rows]
-        known = rows[apart]  # a sample that has come twice tells no velocity
-        if len(known) > 1:
-            line = make_interp_spline(data.time[known], values[known], k=1)
+        knots = rows[apart]  # a sample that has come twice tells no velocity
+        if len(knots) > 1:
+            line = make_interp_spline(data.time[knots], values[knots], k=1)
             then = data.time[rows] + by
             ends = data.time[rows[[0, -1]]]
             out[rows] = line(then if beyond else np.clip(then, *ends))
     return out
 
 
-def told_later(data: Measurements, latency: float) -> np.ndarray:
+def reported_late(data: Measurements, latency: float) -> np.ndarray:
     """Return the samples (n,) of which late sensors tell only after their action."""
     last = np.searchsorted(data.action, data.action, side="right") - 1
     return np.flatnonzero(data.time > data.time[last] - latency)

@@ -58,13 +58,13 @@ class Record:
 
         def at(mask, step):
             """Return the mask so many samples later, False in another action."""
-            moved = np.zeros_like(mask)
+            later = np.zeros_like(mask)
             same = (action[abs(step) :] == action[: -abs(step)])[:, None]
             if step > 0:
-                moved[:-step] = mask[step:] & same
+                later[:-step] = mask[step:] & same
             else:
-                moved[-step:] = mask[:step] & same
-            return moved
+                later[-step:] = mask[:step] & same
+            return later
 
         onset = felt & at(felt, 1) & at(free, -1) & at(free, -2)
         release = free & at(free, 1) & at(felt, -1) & at(felt, -2)
@@ -108,7 +108,7 @@ class Events:
 
 def _at_once(felt, action) -> np.ndarray:
     """Return pairs (N, 5) of fingers that touch at the same samples; a run weighs 1."""
-    found = [np.zeros((0, 5))]
+    pairs = [np.zeros((0, 5))]
     for f, g in permutations(range(felt.shape[1]), 2):
         both = np.flatnonzero(felt[:, f] & felt[:, g])
         if len(both):
@@ -117,8 +117,8 @@ def _at_once(felt, action) -> np.ndarray:
             run = np.cumsum(breaks) - 1
             weight = 1 / np.bincount(run)[run]
             one = np.ones(len(both))
-            found.append(np.stack([both, f * one, both, g * one, weight], axis=1))
-    return np.concatenate(found)
+            pairs.append(np.stack([both, f * one, both, g * one, weight], axis=1))
+    return np.concatenate(pairs)
 
 
 def _between_actions(felt, valid, onset, starts) -> tuple[list, list]:

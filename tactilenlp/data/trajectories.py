@@ -43,8 +43,8 @@ class Trajectories:
         position = _numbers("position", self.position, 3, "[m]")
         quaternion = _numbers("quaternion", self.quaternion, 4, "wxyz")
         toss, dt = as_array(self.toss, "iu"), as_array(self.dt, "iuf")
-        told = toss is not None and toss.ndim == 1
-        _check(told, "toss", "(T,) whole numbers", shortened(self.toss, most=60))
+        numbered = toss is not None and toss.ndim == 1
+        _check(numbered, "toss", "(T,) whole numbers", shortened(self.toss, most=60))
         lengths = len(toss), len(position), len(quaternion)
         got = "{}, {} and {} samples".format(*lengths)
         one = len(set(lengths)) == 1

@@ -18,14 +18,14 @@ from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.request import Request, check_touched
+from ..local.hypothesis import Hypothesis, distinct
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import Solved
 from ..problem.certificates import certify
 from ..refinement.nested_models import NUISANCES
 from ..refinement.newton_steps import as_found, with_latency
 from ..refinement.refinement import from_scratch
-from ..search.hypothesis import Hypothesis, distinct
-from ..search.margins import LEAST_MOTION_BEHIND
 from ..search.multistart import multistart
-from ..search.solved import Solved
 from ..tracking.tracking import tracked_samples
 from .interrupted import Incumbents
 from .optima import (
@@ -48,7 +48,7 @@ def coarse_rows(request: Request) -> np.ndarray | None:
     data = request.job.data
     each = (np.flatnonzero(data.action == a) for a in np.unique(data.action))
     rows = np.concatenate([tracked_samples(data, samples) for samples in each])
-    if len(rows) == data.samples or request.job.hypothesis is not None:
+    if len(rows) == data.samples or request.job.search.hypothesis is not None:
         return None
     try:
         check_touched(_at_rows(data, rows))

@@ -10,8 +10,8 @@ from ..data.scene import Scene
 from ..interface.options import PROCESS
 from ..interface.request import read_request
 from ..interface.result import Estimate
+from ..local.local_solve import built_page, in_motion_of
 from ..problem.pages import shape_of
-from ..search.local_solve import built_page, in_motion_of
 from .solver import solve_estimate
 
 log = logging.getLogger("tactilenlp")

@@ -10,16 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.contact_segments import first_contact, first_onset
 from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
-from ..geometry.transforms import carried, planar_matrix
+from ..geometry.transforms import move_poses, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
+from ..local.hypothesis import Hypothesis, Job
+from ..local.local_solve import built_page
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
-from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import built_page
-from ..search.multi_hypothesis import TrackedSearch
+from ..search.multi_hypothesis import TrackingSearch
 from ..search.polytope_init import search_polytope
 from ..search.proposals_floating import (
     in_free_motion,
@@ -29,7 +30,7 @@ from ..search.proposals_floating import (
     with_faces_tracked,
     with_tilted_normals,
 )
-from ..tracking.first_touch import TOP_TILT, first_contact, first_onset
+from ..tracking.initial_states import TOP_TILT
 from .interrupted import Incumbents
 
 SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
@@ -37,7 +38,7 @@ AMPLE = 60.0  # [s] with less time the search comes before what the page compile
 
 
 def initial_hypotheses(
-    request: Request, incumbents: Incumbents, search: TrackedSearch | None = None
+    request: Request, incumbents: Incumbents, search: TrackingSearch | None = None
 ) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Return hypotheses for the next action, and the same as the page starts from them.
 
@@ -45,7 +46,7 @@ def initial_hypotheses(
     that was begun.  A floating object is searched in the plane of its touches.
     """
     start, plane = request.start, None
-    if (hypothesis := request.job.hypothesis) is not None:
+    if (hypothesis := request.job.search.hypothesis) is not None:
         return [hypothesis], [hypothesis]
     if search is not None:
         hypotheses = search.starts()
@@ -55,9 +56,11 @@ def initial_hypotheses(
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
     if reduced.shape.tracked:
-        hypotheses = tracked_search(request, reduced, incumbents).starts()
+        hypotheses = search_in_contact_frame(request, reduced, incumbents).starts()
+    elif plane is None:
+        hypotheses = search_polytope(reduced, incumbents.kept, incumbents.keep)
     else:
-        hypotheses = _search_vertices(reduced, plane, incumbents)
+        hypotheses = _search_floating_polytope(reduced, plane, incumbents)
     if plane is None:
         return hypotheses, hypotheses
     starts = [in_free_motion(h, plane, reduced.shape) for h in hypotheses]
@@ -72,14 +75,11 @@ def reduced_job(request: Request) -> Job:
     return replace(job, reductions=Reductions())
 
 
-def _search_vertices(job, plane, incumbents) -> list[Hypothesis]:
-    """Return hypotheses of a polytope: poses and planes, then its vertices."""
-    kept, keep = incumbents.kept, incumbents.keep
-    if plane is None:
-        return search_polytope(job, kept, keep)
-    kept = [in_plane(h, plane) for h in kept]
-    hypotheses = search_polytope(job, kept, keep)
-    other, *_ = search_polytope(with_tilted_normals(job), kept, keep)
+def _search_floating_polytope(job, plane, incumbents) -> list[Hypothesis]:
+    """Return hypotheses of a polytope in a plane, and one that may tilt out of it."""
+    kept = [in_plane(h, plane) for h in incumbents.kept]
+    hypotheses = search_polytope(job, kept, incumbents.keep)
+    other, *_ = search_polytope(with_tilted_normals(job), kept, incumbents.keep)
     # Its objective is of wider normals and not comparable: it takes that of the first.
     return [*hypotheses, replace(other, objective=hypotheses[0].objective)]
 
@@ -108,14 +108,12 @@ class ContactFrame:
         return cls(np.r_[p[:2], np.arctan2(ahead[1], ahead[0])])
 
     def job(self, job: Job) -> Job:
-        """Return the job with its measurements and guesses in this frame."""
+        """Return the job with its measurements and its guess in this frame."""
         R = planar_matrix(-self.pose[2])
         t = -R @ np.array([*self.pose[:2], 0.0])
-        first = tuple(
-            (name, theta, carried(x[:, None], self.pose, np.zeros(3))[:, 0])
-            for name, theta, x in job.first
-        )
-        return replace(job, data=job.data.transformed(R, t), first=first)
+        guess = job.search.guess
+        job = job.with_search(guess=None if guess is None else self.into(guess))
+        return replace(job, data=job.data.transformed(R, t))
 
     def into(self, h: Hypothesis) -> Hypothesis:
         """Return a hypothesis of the ground's frame in this one."""
@@ -130,21 +128,21 @@ def _carried(h: Hypothesis, old, new) -> Hypothesis:
     """Return a hypothesis moved by the planar motion that maps `old` to `new`."""
     R = planar_matrix(new[2] - old[2])
     offset = None if h.offset is None else R @ h.offset
-    return replace(h, x=carried(h.x, old, new), offset=offset)
+    return replace(h, x=move_poses(h.x, old, new), offset=offset)
 
 
-def tracked_search(request: Request, job: Job, incumbents) -> TrackedSearch:
+def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingSearch:
     """Return the search for a shape with sizes, in the frame of the first touch.
 
     job: with reductions of its own; incumbents: as of `initial_hypotheses`.
     """
-    first = first_guess(request.start, job.shape, frame_of(job.scene.ground))
-    job = replace(job, first=first)
+    guess = first_guess(request.start, job.shape, frame_of(job.scene.ground))
+    job = job.with_search(guess=guess)
     if not default_cache().functions and job.deadline.left > AMPLE:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)
-    return TrackedSearch(
+    return TrackingSearch(
         job, in_frame, request.widths[1], request.executor, keep=incumbents.keep,
         out_of=frame.out_of,
     )  # fmt: skip

@@ -11,11 +11,11 @@ from ..errors import Interrupted, MotionError
 from ..interface.readout import read_off
 from ..interface.request import Request
 from ..interface.result import Estimate
+from ..local.local_solve import in_motion_of, solved_from
+from ..local.solved import BuiltPage, Solved, Solves
 from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import window_of
-from ..search.local_solve import in_motion_of, solved_from
-from ..search.solved import BuiltPage, Solved, Solves
 from ..solvers.solution import evaluated, not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take

@@ -32,9 +32,9 @@ from ..information.tangent_space import inverse
 from ..interface.options import Options
 from ..interface.request import read_request
 from ..interface.result import Estimate
+from ..local.local_solve import built_page
 from ..nlp.problem import Problem
 from ..refinement.incremental import past_solution
-from ..search.local_solve import built_page
 from .programme import class_and_page, programme_at
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}

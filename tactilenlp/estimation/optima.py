@@ -17,6 +17,9 @@ import numpy as np
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
+from ..local.hypothesis import Hypothesis, Job, distinct, same_body
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import Solved, comparable
 from ..refinement.axis_names import with_named_axes
 from ..refinement.certification import (
     restore_reductions,
@@ -42,11 +45,13 @@ from ..refinement.refinement import (
     refined,
     update_costs_too_much,
 )
-from ..search.hypothesis import Hypothesis, Job, distinct, same
-from ..search.margins import LEAST_MOTION_BEHIND
-from ..search.solved import Solved, comparable
 from ..solvers.solution import check_finite
-from .initial_search import SEARCH_END, initial_hypotheses, reduced_job, tracked_search
+from .initial_search import (
+    SEARCH_END,
+    initial_hypotheses,
+    reduced_job,
+    search_in_contact_frame,
+)
 from .interrupted import Incumbents
 
 log = logging.getLogger("tactilenlp")
@@ -106,7 +111,7 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
         return solve_other_motions(solved.job, flat, request.executor)
 
     optima = certify_best(request, optima, certify)
-    sought = request.job.hypothesis is None and fits_badly(request, optima.best)
+    sought = request.job.search.hypothesis is None and fits_badly(request, optima.best)
     other = _search_by_action(request, optima.best.job) if sought else None
     if other is not None and _differs(other.best, optima.solved):
         other = certify_best(request, other, certify)
@@ -148,15 +153,17 @@ def _update_by_few(request, incumbents) -> tuple:
     all of its levels.  Else no search.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    may_do = job.shape.tracked and job.hypothesis is None and incumbents.kept
+    may_do = job.shape.tracked and job.search.hypothesis is None and incumbents.kept
     may_do = may_do and job.reductions.planar and job.contract.rough
     may_do = may_do and precise(job.data, job.precision)
     if not (may_do and continues(start, job) and of_whole_actions(start, job)):
         return None, [], False
-    search = tracked_search(request, reduced_job(request), incumbents)
+    search = search_in_contact_frame(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()
     with job.deadline.ending("an update by few starts"):
-        enough = update_by_few_starts(job, start, search.first(), search.second, solves)
+        enough = update_by_few_starts(
+            job, start, search.least_motion_optima(), search.best_track, solves
+        )
     solved = solves.best_first()
     if solved:
         more = solved[0].solution.objective - start.objective
@@ -205,7 +212,7 @@ def _differs(optimum: Solved, solved) -> bool:
 
     Paths to the same end may be far apart on the way.
     """
-    alike = (same(optimum.job.shape, optimum.at, s.at) for s in solved)
+    alike = (same_body(optimum.job.shape, optimum.at, s.at) for s in solved)
     return optimum.rank < min(s.rank for s in solved) or not any(alike)
 
 
@@ -219,7 +226,7 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     if (
         ground is not assumed
         and assumed.told is None
-        and request.job.hypothesis is None
+        and request.job.search.hypothesis is None
     ):
         log.info("searching again on the ground that leans")
         return replace(from_scratch(request), job=as_found(request.job, best.job))

@@ -9,9 +9,9 @@ import numpy as np
 from ..errors import OptionError
 from ..interface.options import Options
 from ..interface.request import make_job
+from ..local.solved import Solved
 from ..problem.pages import name_of, page_of, shape_of
 from ..refinement.incremental import past_solution
-from ..search.solved import Solved
 
 
 def class_and_page(estimate, shape=None, formulation=None) -> tuple:

@@ -20,10 +20,10 @@ from ..interface.options import PROCESS, Guess, Options, Session
 from ..interface.readout import read_off
 from ..interface.request import Request, read_request
 from ..interface.result import Estimate
+from ..local.solved import Solved
 from ..refinement.incremental_polytope import update_by_one_action
 from ..refinement.model_selection import classes_of, likeliest_class
-from ..search.proposals_surface import on_poses
-from ..search.solved import Solved
+from ..search.proposals_poses import body_on_poses
 from .coarse_to_fine import coarse_rows, optima_of_dense
 from .interrupted import Incumbents, interrupted, not_solved, raise_unless_good
 from .optima import CERTIFICATES_END, optima_of
@@ -97,10 +97,10 @@ class ClassSolver:
             return self._of_request(*self._request_of(scene, shape, options, poses))
         request, hypotheses = self._request_of(scene, shape, options, None)
         job = request.job.as_late_as(poses.sensors)
-        hypothesis = on_poses(job, poses)
+        hypothesis = body_on_poses(job, poses)
         if hypothesis is None or hypothesis.objective > most:
             return None
-        request = replace(request, job=replace(job, hypothesis=hypothesis))
+        request = replace(request, job=job.with_search(hypothesis=hypothesis))
         return self._of_request(request, hypotheses)
 
     def _request_of(self, scene, shape, options, start) -> tuple[Request, list]:

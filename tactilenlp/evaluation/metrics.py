@@ -69,29 +69,22 @@ class SurfaceDistance:
 
 
 @dataclass(frozen=True)
-class PoseError:
-    """A pose error modulo symmetry, in the world frame.
+class CuboidError:
+    """The errors of pose and sizes of a cuboid, modulo its 24 axis relabelings.
 
     `position` (3,) [m] is estimate minus truth; `rotation_vector` (3,) [rad], of length
     `rotation_angle`, satisfies R_estimate @ symmetry = exp(rotation_vector) @ R_true;
-    `symmetry` (3, 3) is the member of the list with the smallest angle.
-    """
-
-    position: np.ndarray
-    rotation_angle: float
-    rotation_vector: np.ndarray
-    symmetry: np.ndarray
-
-
-@dataclass(frozen=True)
-class CuboidError(PoseError):
-    """The errors of pose and sizes of a cuboid, modulo its 24 axis relabelings.
+    `symmetry` (3, 3) is the relabeling with the smallest angle.  World frame.
 
     `side_lengths` (3,) [m] is `estimate[permutation] - truth`, on the true axes, and
     a covariance of sizes becomes `covariance[np.ix_(permutation, permutation)]`; those
     of position and world-frame rotation stay, as a relabeling acts on the body's side.
     """
 
+    position: np.ndarray
+    rotation_angle: float
+    rotation_vector: np.ndarray
+    symmetry: np.ndarray
     side_lengths: np.ndarray
     permutation: np.ndarray
 
@@ -165,9 +158,9 @@ def cuboid_errors(
     sizes = sizes[permutations] - truth
     shift = finite_array(position, (3,), "position")
     shift = shift - finite_array(true_position, (3,), "true_position")
-    given = {"quaternion": quaternion, "true_quaternion": true_quaternion}
+    quaternions = {"quaternion": quaternion, "true_quaternion": true_quaternion}
     unit = 4, QUATERNION_TOLERANCE, TactileError, "give a quaternion wxyz of length 1"
-    wxyz = [checked_unit(name, value, *unit) for name, value in given.items()]
+    wxyz = [checked_unit(name, value, *unit) for name, value in quaternions.items()]
     R_we, R_wt = rotation_of(wxyz).as_matrix()
     turns = Rotation.from_matrix(R_we @ cube @ R_wt.T).as_rotvec()
     angles, misfit = (np.linalg.norm(rows, axis=1) for rows in (turns, sizes))

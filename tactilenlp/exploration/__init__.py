@@ -7,5 +7,5 @@ expected information gain, and nlopt maximises the mean over hypotheses.
 
 - `action_space`, `action_search`, `optimisers`, `policies`: choice of an action
 - `beliefs`, `polytope_beliefs`, `push_model`, `expected_information`: its expected gain
-- `first_touch`, `loop`, `options`, `log`: the loop, its settings and its file
+- `sweep`, `loop`, `options`, `log`: the loop, its settings and its file
 """

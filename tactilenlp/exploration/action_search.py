@@ -76,21 +76,23 @@ def choose_action(
     action start outside the estimated body: the workspace's radius is enlarged for
     that.  Raises OptionError, SceneError.
     """
-    given = {"hypotheses": hypotheses, "slopes": slopes, "shape": shape}
-    return most_informative(estimate, workspace, search, budget, seed, **given)
+    return most_informative(
+        estimate, workspace, search, budget, seed, hypotheses, slopes, shape
+    )
 
 
 @interruptible()
 @on_one_thread
 def most_informative(
-    estimate, workspace, search, budget, seed, prior_only=False, **given
-) -> Choice:
+    estimate, workspace, search, budget, seed, hypotheses=3, slopes="motion",
+    shape=None, prior_only=False,
+) -> Choice:  # fmt: skip
     """Return the action of largest expected gain; arguments as of `choose_action`.
 
     prior_only: the gain is not given the measurements so far (D-optimal).
     """
     began = time.process_time()
-    expected = ExpectedInformation(estimate, workspace, **given)
+    expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
     if prior_only:
         expected.beliefs = [replace(b, information=b.before) for b in expected.beliefs]
     space, target = expected.workspace, expected.target

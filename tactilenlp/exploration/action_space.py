@@ -81,10 +81,9 @@ class Workspace:
         what = "no integer in range"
         check_whole("fingers", self.fingers, 1, MOST_FINGERS, what=what)
         check_types(ground=(self.ground, (Ground, type(None))))
-        floats = [f.name for f in fields(self) if f.type == "float"]
-        finite = np.finfo(float).max
-        given = {name: (getattr(self, name), 0, finite) for name in floats}
-        check_numbers("a finite number above 0", **given)
+        for name in (f.name for f in fields(self) if f.type == "float"):
+            limits = getattr(self, name), 0, np.finfo(float).max
+            check_numbers("a finite number above 0", **{name: limits})
         if self.bound > np.pi / 2:
             fix = "convert degrees by numpy.radians"
             raise _option_error("bound", "at most pi / 2 [rad]", self.bound, fix)
@@ -174,10 +173,10 @@ def workspace_of(radius, ground: Ground | None) -> Workspace:
 
     radius [m]: of the fingers, (F,) or a number for the default ones; None: not known.
     """
-    given = {} if radius is None else {"finger_radius": float(np.max(radius))}
-    if np.ndim(radius):
-        given["fingers"] = len(radius)
-    return Workspace(ground=ground, **given)
+    if radius is None:
+        return Workspace(ground=ground)
+    fingers = len(radius) if np.ndim(radius) else Workspace.fingers
+    return Workspace(fingers, ground=ground, finger_radius=float(np.max(radius)))
 
 
 @shown
@@ -208,11 +207,11 @@ class Action:
             limits = f"{space.lower[k]:.3g} to {space.upper[k]:.3g}"
             expected = f"{2 * space.fingers} angles [rad], this one within {limits}"
             raise _option_error(f"angles[{k}]", expected, float(angles[k]))
-        given = (True,) * space.fingers if self.active is None else self.active
-        flags = as_array(given, "biu")
+        active = (True,) * space.fingers if self.active is None else self.active
+        flags = as_array(active, "biu")
         if flags is None or flags.shape != (space.fingers,) or not flags.any():
             expected = f"{space.fingers} booleans, one True"
-            raise _option_error("active", expected, given)
+            raise _option_error("active", expected, active)
         active = tuple(flags.astype(bool).tolist())
         object.__setattr__(self, "angles", np.clip(angles, space.lower, space.upper))
         object.__setattr__(self, "active", active)
@@ -291,5 +290,5 @@ def _option_error(
     where: str, expected: str, got: object, next: str = ""
 ) -> OptionError:
     problem = "not an action" if where == "angles" else "cannot be planned with"
-    given = {"expected": expected, "got": shortened(got, str, 80), "next": next}
-    return OptionError(problem, where=where, **given)
+    got = shortened(got, str, 80)
+    return OptionError(problem, where=where, expected=expected, got=got, next=next)

@@ -2,8 +2,8 @@
 
 For shapes with sizes.  The Gaussian of the best hypothesis has the exact information of
 the estimate, reduced to its sigma where that is larger.  Where this information is
-indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  For hulls
-see polytope_beliefs.py.
+indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  Of
+polytopes: polytope_beliefs.py.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from ..data.contact_segments import intervals
 from ..information.comparisons import sample_information
 from ..information.tangent_space import rotations, tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
+from ..local.hypothesis import Hypothesis, distinct
 from ..problem.poses import rotations_on_ground
-from ..search.hypothesis import Hypothesis, distinct
 
 log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
@@ -43,12 +43,12 @@ INDENTATION_ERROR = 0.5  # [-] of a predicted one: push and compliance are 30 % 
 class Belief:
     """A Gaussian about one hypothesis.
 
-    z:           (k,), theta and x_T; for a hull, its vertices about its centroid [m]
+    z:           (k,), theta and x_T; for a polytope, vertices about its centroid [m]
     information: (k, k), SI; with unknown finger offsets (k + 3 F, k + 3 F)
     before:      the same before any touch: the prior
     weight:      [1], of the hypothesis; the weights of a belief sum to one
     shift:       (F, 3) [m], added to finger positions, ground frame: the estimated
-                 offset; for a hull, minus its centroid
+                 offset; for a polytope, minus its centroid
     """
 
     z: np.ndarray
@@ -72,21 +72,22 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
         here = Hypothesis(best[:n], best[n:, None], -np.inf, ())
         ended = here, *estimate.hypotheses
         rest = distinct(shape, ended, count, np.inf, samples=(-1,))[1:]
-    known = information_of_best(estimate, shape, before, best, offset)
-    found = [Belief(best, known, before, 1.0, offset)]
+    information = information_of_best(estimate, shape, before, best, offset)
+    beliefs = [Belief(best, information, before, 1.0, offset)]
     for h in rest:
         weight = np.exp(min(0.0, estimate.objective - h.objective))
         if weight > MIN_RELATIVE_WEIGHT:
             off = h.shift.T
-            known = information_of_samples(estimate, shape, h.theta, h.x, off, before)
-            found.append(Belief(h.end, known, before, weight, off))
-    total = sum(b.weight for b in found)
+            at = h.theta, h.x, off
+            information = information_of_samples(estimate, shape, *at, before)
+            beliefs.append(Belief(h.end, information, before, weight, off))
+    total = sum(b.weight for b in beliefs)
     return [
         replace(
             b, weight=b.weight / total,
             information=_after_retraction(b, n, _tangent_at(estimate, shape, b.z)),
         )
-        for b in found
+        for b in beliefs
     ]  # fmt: skip
 
 
@@ -125,12 +126,12 @@ def information_of_best(estimate, shape, before, best, offset) -> np.ndarray:
     matrix = estimate.information.matrix
     if estimate.finger_offset is not None:
         matrix = estimate.information.with_offsets
-    for known in (matrix, matrix + anywhere):
-        scale = 1 / np.sqrt(np.abs(np.diag(known)))
-        least = np.linalg.eigvalsh(known * np.outer(scale, scale))[0]
+    for information in (matrix, matrix + anywhere):
+        scale = 1 / np.sqrt(np.abs(np.diag(information)))
+        least = np.linalg.eigvalsh(information * np.outer(scale, scale))[0]
         if least > 0:
-            known = widened_to_sigma(known, estimate)
-            return T.T @ known @ T
+            information = widened_to_sigma(information, estimate)
+            return T.T @ information @ T
     log.warning(
         "the information of the estimate is indefinite (least eigenvalue %.2g): "
         "actions are chosen with the sum over its samples (eq:obsinfo)", least,
@@ -188,17 +189,17 @@ def information_of_samples(estimate, shape, theta, x, offset, before) -> np.ndar
     k = len(theta) + len(x)
     z = np.vstack([np.repeat(theta[:, None], len(t), axis=1), x[:, t]])
     motion = FREE if len(x) > 3 else PLANAR
-    found = sample_information(shape, motion, SPHERE).map(len(t))(
+    each = sample_information(shape, motion, SPHERE).map(len(t))(
         z, points[t, f].T, data.finger_radius[f][None],
         data.contact[t, f][None].astype(float), sensor_model(estimate),
     )  # fmt: skip
-    found = found.full().reshape(k + 3, len(t), k + 3)
+    each = each.full().reshape(k + 3, len(t), k + 3)
     information = np.zeros_like(before)
-    information[:k, :k] += found[:k, :, :k].sum(axis=1)
+    information[:k, :k] += each[:k, :, :k].sum(axis=1)
     for finger in range(data.fingers) if len(before) > k else ():
-        mine, at = f == finger, k + 3 * finger + np.arange(3)
+        of_finger, at = f == finger, k + 3 * finger + np.arange(3)
         both = np.r_[:k, at]
-        part = found[:, mine].sum(axis=1)
+        part = each[:, of_finger].sum(axis=1)
         part[:k, :k] = 0.0
         information[np.ix_(both, both)] += part
     return before + information
@@ -222,9 +223,9 @@ def sensor_model(estimate, touch=TOUCH, normal=NORMAL) -> np.ndarray:
     normal = np.abs((np.stack(push, axis=1) * data.normal).sum(axis=2))
     force = (normal / intervals(data)[:, None])[felt]
     depth = compliance * np.sqrt(np.mean(force**2))
-    turned = TURNED * depth / data.finger_radius.mean()
+    shear = TURNED * depth / data.finger_radius.mean()
     off = INDENTATION_ERROR * depth
-    return np.array([alpha, np.hypot(sigma, off), np.hypot(sigma_n, turned)])
+    return np.array([alpha, np.hypot(sigma, off), np.hypot(sigma_n, shear)])
 
 
 def _poses(estimate, free: bool) -> np.ndarray:

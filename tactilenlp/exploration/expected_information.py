@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from formulations.friction import FRICTION
+from formulations.friction import FRICTION_MEAN
 from formulations.names import FINGER_FRICTION, GROUND_FRICTION
 from formulations.rigid_body import PLANAR
 from formulations.shape import Shape
@@ -148,7 +148,7 @@ class ExpectedInformation:
         n, theta = len(path) - 1, belief.z[: self.shape.theta]
         pose, centre = belief.z[len(theta) :], np.zeros(3)
         centre[: len(pose)] = pose[:3]
-        if len(pose) == len(PLANAR.scale):  # a hull has no pose unknowns
+        if len(pose) == len(PLANAR.scale):  # else of a polytope, whose pose is held
             centre[2] = float(self.shape.rest_height(ca.DM(theta)))
         reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
@@ -199,8 +199,8 @@ def expected_information_gain(
     one estimate, see ExpectedInformation.
     """
     check_types(action=(action, Action))
-    given = estimate, action.workspace, hypotheses, slopes, shape
-    return ExpectedInformation(*given).gain(action)
+    space = action.workspace
+    return ExpectedInformation(estimate, space, hypotheses, slopes, shape).gain(action)
 
 
 def push_constants(estimate, space: Workspace) -> np.ndarray:
@@ -217,4 +217,4 @@ def _friction(estimate, name: str, told: float | None) -> float:
     """Return a friction coefficient: told, estimated, or the mean of its prior."""
     if told is not None:
         return told
-    return float(np.ravel(estimate.unknowns.get(name, FRICTION))[0])
+    return float(np.ravel(estimate.unknowns.get(name, FRICTION_MEAN))[0])

@@ -188,11 +188,11 @@ def check_same(estimate: Estimate, data: Measurements, asked: dict, file) -> Non
     for name, value in {"measurements": data, **asked}.items():
         if name == "formulation" and not estimate.success:
             continue
-        kept = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
-        if kept not in value if isinstance(value, list) else kept != value:
+        saved = estimate.scene.as_told if name == "scene" else getattr(estimate, name)
+        if saved not in value if isinstance(value, list) else saved != value:
             other = "other data" if name == "measurements" else f"another {name}"
             raise StartError(
                 f"the saved estimate is of {other}",
-                where=str(file), got=f"{name} {kept!r}", expected=repr(value),
+                where=str(file), got=f"{name} {saved!r}", expected=repr(value),
                 next="explore into another file, or with the settings of this one",
             )  # fmt: skip

@@ -25,7 +25,6 @@ from ..interface.result import Estimate
 from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace, workspace_of
-from .first_touch import check_reach, check_world, executed, first_touch
 from .log import (
     Exploration,
     Step,
@@ -36,6 +35,7 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, next_action, shape_of_start
+from .sweep import TouchedWorld, check_reach, check_world, execute, first_touch
 
 log = logging.getLogger("tactilenlp")
 
@@ -74,7 +74,7 @@ def explore(
     FileError too while another process explores into this file.
     """
     settings = ExploreOptions.of(settings, positional, keywords)
-    loop = _prepared(world, scene, settings, file, start, executor)
+    loop = _loop_of(world, scene, settings, file, start, executor)
     # Steps that a folder has, which cannot be written, are read without a world.
     written = file is not None and (world is not None or can_be_written(file))
     with locked(file) if written else nullcontext():
@@ -85,24 +85,24 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
     """Yield the steps of an exploration, those of a file first."""
     settings, world = loop.settings, loop.world
     estimate, past = start if isinstance(start, Estimate) else None, []
-    kept, first = load_or_new(file), 0 if estimate is None else 1
-    again = bool(kept.steps) or estimate is not None
-    _check_fingers(world, loop.space, kept)
-    check_reach(world, loop.space, settings.centre, kept.estimate or estimate)
+    exploration, first = load_or_new(file), 0 if estimate is None else 1
+    again = bool(exploration.steps) or estimate is not None
+    _check_fingers(world, loop.space, exploration)
+    check_reach(world, loop.space, settings.centre, exploration.estimate or estimate)
     for number in progress(range(first, settings.actions + 1), "explore"):
-        step = kept.at(number)
+        step = exploration.at(number)
         before = None if estimate is None else estimate.measurements
         if step is None:
-            _warn_of_another_state(world, kept)
-            step = loop.acted(number, estimate, past)
+            _warn_of_another_state(world, exploration)
+            step = loop.act(number, estimate, past)
         if step.estimate is None:  # measured now, or the process ended in the solve
             step = continued_in_time(step, before, again)
-            kept = _saved(kept.with_step(step), file)
+            exploration = _save(exploration.with_step(step), file)
         data = step.measurements
         data = data if before is None else before.append(data)
         if step.estimate is None:
-            step = loop.estimated(step, data, estimate or start)
-            kept = _saved(kept.with_step(step), file)
+            step = loop.with_estimate(step, data, estimate or start)
+            exploration = _save(exploration.with_step(step), file)
         check_same(step.estimate, data, loop.same, file)
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
@@ -122,14 +122,14 @@ class _Loop:
     estimates, their possible shapes and formulations, by name.
     """
 
-    world: object
+    world: TouchedWorld | None
     space: Workspace
     settings: ExploreOptions
     shapes: list
     solve: Callable
     same: dict
 
-    def acted(self, number: int, estimate, past) -> Step:
+    def act(self, number: int, estimate, past) -> Step:
         """Return the step of a first touch or a chosen action, without estimate."""
         if self.world is None:
             raise OptionError(
@@ -139,27 +139,27 @@ class _Loop:
         rng = np.random.default_rng([self.settings.seed, number])
         world, space, began = self.world, self.space, time.process_time()
         if estimate is None:
-            action, data, told = first_touch(world, space, self.settings.centre, rng)
+            action, data, paths = first_touch(world, space, self.settings.centre, rng)
             acts, choice, words = began, None, "first touch"
         else:
             action, choice, words, target = next_action(
                 estimate, space, past, rng, self.settings, self.shapes
             )
             acts, path = time.process_time(), action.trajectory(target)
-            data, told = executed(world, path), (path,)
+            data, paths = execute(world, path), (path,)
         seconds = {"choose": acts - began, "act": time.process_time() - acts}
-        return Step(number, action, data, None, choice, words, seconds, told)
+        return Step(number, action, data, None, choice, words, seconds, paths)
 
-    def estimated(self, step: Step, data, start) -> Step:
+    def with_estimate(self, step: Step, data, start) -> Step:
         """Return the step with the estimate of all data so far and its errors."""
         began = time.process_time()
-        found = self.solve(data, start=start)
+        estimate = self.solve(data, start=start)
         seconds = step.seconds | {"estimate": time.process_time() - began}
-        errors = errors_of(self.world, found)
-        return replace(step, estimate=found, seconds=seconds, errors=errors)
+        errors = errors_of(self.world, estimate)
+        return replace(step, estimate=estimate, seconds=seconds, errors=errors)
 
 
-def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
+def _loop_of(world, scene, settings: ExploreOptions, file, start, executor) -> _Loop:
     """Return what the steps need; raise for unusable arguments."""
     if world is not None:  # none is needed for actions that the file has
         check_world(world)
@@ -191,7 +191,7 @@ def _prepared(world, scene, settings: ExploreOptions, file, start, executor) -> 
     return _Loop(world, space, settings, classes, solve, same)
 
 
-def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
+def _check_fingers(world, space: Workspace, exploration: Exploration) -> None:
     """Raise unless world, workspace and saved measurements have the same fingers."""
     radius = getattr(world, "finger_radius", None)
     if radius is None:
@@ -201,12 +201,12 @@ def _check_fingers(world, space: Workspace, kept: Exploration) -> None:
             "another number of fingers", where="workspace.fingers", got=space.fingers,
             expected=f"{len(radius)}, as the world has",
         )  # fmt: skip
-    for step in kept.steps:
-        kept = step.measurements.finger_radius
-        if len(kept) != space.fingers or not np.all(kept == radius):
+    for step in exploration.steps:
+        saved = step.measurements.finger_radius
+        if len(saved) != space.fingers or not np.all(saved == radius):
             raise StartError(
                 "saved measurements of other fingers", where=f"step {step.number}",
-                got=f"finger_radius {kept.tolist()}", expected=f"{radius} [m]",
+                got=f"finger_radius {saved.tolist()}", expected=f"{radius} [m]",
                 next="explore into another file",
             )  # fmt: skip
 
@@ -224,7 +224,7 @@ def _warn_of_another_state(world, kept: Exploration) -> None:
         )
 
 
-def _saved(kept: Exploration, file) -> Exploration:
+def _save(kept: Exploration, file) -> Exploration:
     """Save the steps so far, if there is a file; return them."""
     if file is not None:
         kept.save(file)

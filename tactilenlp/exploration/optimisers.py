@@ -38,8 +38,7 @@ class CrossEntropy:
     iterations: int = 3
 
     def __post_init__(self) -> None:
-        given = {n: (getattr(self, n), (int, np.integer)) for n in vars(self)}
-        check_types(**given)
+        check_types(**{n: (v, (int, np.integer)) for n, v in vars(self).items()})
         fits = (
             1 < self.best <= self.samples <= MOST_EVALUATIONS
             and 1 <= self.iterations <= MOST_EVALUATIONS
@@ -58,8 +57,8 @@ def check_search(search, budget) -> str:
     """Return the name of a search; OptionError for an unknown one or a bad budget."""
     check_types(search=(search, (str, CrossEntropy)))
     name = search if isinstance(search, str) else "cem"
-    known = "no such search", OptionError, "or a CrossEntropy"
-    check_one_of("search", name, SEARCHES, *known)
+    what, also = "no such search", "or a CrossEntropy"
+    check_one_of("search", name, SEARCHES, what, unit=also)
     check_whole("budget", budget, 2, np.inf)
     return name
 

@@ -13,9 +13,9 @@ from ..interface.options import Options
 from ..problem.pages import shape_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace
-from .first_touch import checked_centre
 from .optimisers import CrossEntropy, check_search
 from .policies import check_policy
+from .sweep import checked_centre
 
 POSITIONAL = 4  # settings that `explore` takes by position, after world and scene
 
@@ -75,7 +75,7 @@ class ExploreOptions:
         check_policy(self.policy)
 
     @classmethod
-    def of(cls, settings, positional: tuple, given: dict) -> ExploreOptions:
+    def of(cls, settings, positional: tuple, keywords: dict) -> ExploreOptions:
         """Return the settings, or those of other arguments; OptionError for both."""
         names = [f.name for f in fields(cls)]
         if len(positional) > POSITIONAL:
@@ -85,22 +85,22 @@ class ExploreOptions:
                 expected=f"world, scene, {', '.join(names[:POSITIONAL])}",
             )  # fmt: skip
         first = dict(zip(names, positional, strict=False))
-        if twice := [name for name in first if name in given]:
+        if twice := [name for name in first if name in keywords]:
             raise OptionError(
                 "given twice", where=twice[0], got="by position and by name"
             )
-        given = first | given
-        if unknown := [name for name in given if name not in names]:
+        keywords = first | keywords
+        if unknown := [name for name in keywords if name not in names]:
             raise OptionError(
                 "no such setting", where="explore", got=unknown,
                 expected=f"settings, file, start, executor, or one of {names}",
                 next=did_you_mean(unknown[0], names),
             )  # fmt: skip
         check_types(settings=(settings, (cls, type(None))))
-        if settings is not None and given:
+        if settings is not None and keywords:
             raise OptionError(
-                "settings are given twice", where="settings", got=[*given],
+                "settings are given twice", where="settings", got=[*keywords],
                 expected="settings=ExploreOptions(...) or keyword arguments",
                 next="put all of them into ExploreOptions",
             )  # fmt: skip
-        return cls(**given) if settings is None else settings
+        return cls(**keywords) if settings is None else settings

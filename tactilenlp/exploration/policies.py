@@ -12,7 +12,6 @@ from formulations.shape import Shape
 from ..common.brief import printed
 from ..common.validation import check_one_of, check_types
 from ..data.ground import frame_of
-from ..errors import OptionError
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
 from .action_search import most_informative
@@ -53,8 +52,8 @@ class Plan:
 def check_policy(policy) -> None:
     """Raise OptionError for what is no policy."""
     if not callable(policy):
-        told = "no such policy", OptionError, "or a function of a Plan"
-        check_one_of("policy", policy, POLICIES, *told)
+        what, also = "no such policy", "or a function of a Plan"
+        check_one_of("policy", policy, POLICIES, what, unit=also)
 
 
 def check_predicted(policy, actions, start, shape, scene) -> None:
@@ -74,8 +73,8 @@ def check_predicted(policy, actions, start, shape, scene) -> None:
 
 def shape_of_start(estimate, shapes) -> Shape:
     """Return the shape of an estimate: one of those given, or the one of its name."""
-    known = {shape.name: shape for shape in shapes}
-    return known.get(estimate.shape) or shape_of(estimate.shape)
+    by_name = {shape.name: shape for shape in shapes}
+    return by_name.get(estimate.shape) or shape_of(estimate.shape)
 
 
 def next_action(estimate, space, past, rng, settings, shapes):
@@ -150,6 +149,6 @@ def farthest_action(plan: Plan) -> Action:
     def nearest(action) -> float:
         return np.arccos(np.clip(action.directions @ seen.T, -1, 1)).min(axis=1).sum()
 
-    given = plan.rng, None, plan.estimate.position[-1]
-    drawn = (plan.workspace.random(*given) for _ in range(FARTHEST_DRAWS))
+    rng, target = plan.rng, plan.estimate.position[-1]
+    drawn = (plan.workspace.random(rng, None, target) for _ in range(FARTHEST_DRAWS))
     return max(drawn, key=nearest)

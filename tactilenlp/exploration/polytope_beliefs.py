@@ -1,4 +1,4 @@
-r"""The belief about a hull before an action: a Gaussian of its vertices.
+r"""The belief about a polytope before an action: a Gaussian of its vertices.
 
 The vertices are taken where they lie now.  Twenty have sixty unknowns, most of which no
 touch observes.  The gain should count only those that the planned contacts observe,
@@ -29,7 +29,7 @@ from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 
-from ..geometry.convex_hull import hull_vertices, nearest
+from ..geometry.convex_hull import hull_vertices, nearest_points
 from ..geometry.transforms import rotation_of
 from ..interface.readout import FACE_TILT
 from ..problem.polytope_window import LIFTED
@@ -50,19 +50,19 @@ VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 
 def belief_of(estimate, shape) -> Belief:
-    """Return the belief about a hull: one Gaussian, of the best hypothesis."""
+    """Return the belief about a polytope: one Gaussian, of the best hypothesis."""
     ground = estimate.scene.ground
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()
     vertices = estimate.vertices @ R_go.T
     before = ball_prior(vertices, shape.size_prior)
     points = fingers_on_body(estimate)
-    known = before + information_of_samples(estimate, shape, vertices, points)
-    known += flatness_information(
+    information = before + information_of_samples(estimate, shape, vertices, points)
+    information += flatness_information(
         vertices, centre[2], contact_points(estimate, vertices, points)
     )
-    known = after_retraction(known, vertices)
-    return Belief(vertices.ravel(), known, before, 1.0, -centre[None])
+    information = after_retraction(information, vertices)
+    return Belief(vertices.ravel(), information, before, 1.0, -centre[None])
 
 
 def sensor_model(estimate) -> np.ndarray:
@@ -133,7 +133,7 @@ def contact_points(estimate, vertices, points):
     """Return contact points [m] and normals, (n, 3) each, about the centroid."""
     data = estimate.measurements
     centre = points[data.contact]
-    point = nearest(hull_vertices(vertices), centre)
+    point = nearest_points(hull_vertices(vertices), centre)
     n = centre - point
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
     return point, n

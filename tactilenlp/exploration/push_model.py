@@ -48,20 +48,20 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     z, theta, pose = _unknowns(shape, free)
     k = z.numel() + off * 3 * fingers
     p, goal_1, goal, r = (sym(name, 3 * fingers) for name in ("p", "g", "h", "r"))
-    rho, known = sym("rho", fingers), sym("known", 5)
+    rho, constants = sym("rho", fingers), sym("known", 5)
     sensors, sloped = sym("sensors", 3), sym("sloped")
     d, s, M = sym("d", 3), sym("s", 3), sym("M", 3, k)
     P = sym("P", 3, 3)
-    laws = ca.vertsplit(known)
+    laws = ca.vertsplit(constants)
     foot = pushing.foot_squared(shape, theta, pose[1])
     here = shape, SPHERE, theta, pushing.pose_after(pose, s)
     meant = _commanded(here, p, goal_1, goal, rho, laws)
 
     tips = [*zip(*map(_triples, (r, p)), ca.vertsplit(rho), strict=True)]
     body = pushing.Pushed(shape, SPHERE, theta, pose, tips, (*laws, foot))
-    given = [d, s, z, p, r, rho, known]
+    given = [d, s, z, p, r, rho, constants]
     better = ca.Function("improved", given, [body.improved(s, d)], {"cse": True})
-    step, at = d, [s, z, p, ca.vertcat(*meant), rho, known]
+    step, at = d, [s, z, p, ca.vertcat(*meant), rho, constants]
     for _ in range(PUSH_ITERATIONS):
         step = better(step, *at)
     D_s, D_z, D_r, p_now = _step_slopes(body, s, d, given)(step, *at)
@@ -74,11 +74,12 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     )
     feel = _sensing_function(shape, free)
     spheres = [(p_wf, rho[f]) for f, p_wf in enumerate(meant)]
-    felt, told, M_now, P_now = _sensed(
+    chances, information, M_now, P_now = _sensed(
         feel, z, now, spheres, sensors, M_now, P_now, off
     )
-    out = [step, p_now, now, M_now, P_now, ca.vertcat(*felt), ca.vertcat(*told)]
-    given = [d, p, s, M, P, z, goal_1, goal, rho, known, sensors, sloped]
+    sensed = map(ca.vcat, (chances, information))
+    out = [step, p_now, now, M_now, P_now, *sensed]
+    given = [d, p, s, M, P, z, goal_1, goal, rho, constants, sensors, sloped]
     out = [ca.densify(v) for v in out]
     return compiled([ca.Function("step", given, out, {"cse": True})])[0]
 
@@ -98,16 +99,16 @@ def _sensed(feel, z, now, spheres, sensors, M, P, off: bool):
 
     now: the planar displacement; spheres: position and radius of every finger.
     """
-    felt, told = [], []
+    chances, information = [], []
     for f, (p_wf, radius) in enumerate(spheres):
         chance, weights, h, h_s, h_r = feel(z, now, p_wf, radius, sensors)
         if off:
             others = [ca.DM.zeros(4, 3) for _ in spheres]
             h = ca.horzcat(h, *others[:f], h_r, *others[f + 1 :])
-        felt.append(chance)
+        chances.append(chance)
         rows, M, P = _measurement_updates(M, P, h, h_s, weights)
-        told += rows
-    return felt, told, M, P
+        information += rows
+    return chances, information, M, P
 
 
 def _measurement_updates(M, P, h, h_s, weights):
@@ -161,10 +162,10 @@ def _sensing_function(shape, free: bool) -> ca.Function:
 def backward_filter_function(shape, fingers: int) -> ca.Function:
     """Return (M, P; z, r, rho, c, valid, Q, sensors), SAMPLES_PER_CALL samples back.
 
-    M, P: as in the page `exploration`, s being the pose of a hull at a sample, as seen
-    from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid (F,):
-    booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and E
-    (4 F, k): E'E is what the fingers told.
+    M, P: as in the page `exploration`, s being the pose of a polytope at a sample, as
+    seen from now; r (3 F,) [m]: where the fingers were on it as it lies now; c, valid
+    (F,): booleans; Q (3,): variance of the step after the sample.  Gives M, P anew and
+    E (4 F, k): E'E is what the fingers told.
     """
     sym, k = shape.symbol, shape.theta
     z, r, rho = sym("z", k), sym("r", 3 * fingers), sym("rho", fingers)
@@ -172,16 +173,16 @@ def backward_filter_function(shape, fingers: int) -> ca.Function:
     M, P = sym("M", 3, k), sym("P", 3, 3)
     sensors, feel = sym("sensors", 3), _sensing_function(shape, False)
     alpha, sigma, sigma_n = ca.vertsplit(sensors)
-    given = [M, P, z, r, rho, c, valid, Q, sensors]
-    P, told = P + ca.diag(Q), []
+    arguments = [M, P, z, r, rho, c, valid, Q, sensors]
+    P, information = P + ca.diag(Q), []
     for f, p_wf in enumerate(_triples(r)):
         chance, _, h, h_s, _ = feel(z, ca.DM.zeros(3), p_wf, rho[f], sensors)
         gap = exploration.gap_information(chance, c[f], alpha, sigma)
         weights = valid[f] * ca.vertcat(gap, *[c[f] / sigma_n**2] * 3)
         rows, M, P = _measurement_updates(M, P, h, h_s, weights)
-        told += rows
-    out = [ca.densify(v) for v in (M, P, ca.vertcat(*told))]
-    (step,) = compiled([ca.Function("remembered", given, out, {"cse": True})])
+        information += rows
+    out = [ca.densify(v) for v in (M, P, ca.vertcat(*information))]
+    (step,) = compiled([ca.Function("remembered", arguments, out, {"cse": True})])
     return step.mapaccum("remembered", SAMPLES_PER_CALL, 2)
 
 

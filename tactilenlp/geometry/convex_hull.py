@@ -84,7 +84,7 @@ def hull_vertices(points) -> np.ndarray:
     return points[ConvexHull(points).vertices]
 
 
-def merged(points) -> np.ndarray:
+def merge_points(points) -> np.ndarray:
     """Return the points (n, 3) with clusters within MERGE_DISTANCE averaged."""
     points, out = list(points), []
     while points:
@@ -94,24 +94,24 @@ def merged(points) -> np.ndarray:
     return np.array(out)
 
 
-def thinned(points, count: int) -> np.ndarray:
+def fewer_vertices(points, count: int) -> np.ndarray:
     """Return at most `count` of the vertices, removing those that add least volume.
 
     Greedy: after a removal only the losses of its neighbours are computed again.  Of
     more than ONE_BY_ONE vertices, a tenth of those beyond is removed at once.
     """
     points = hull_vertices(points)
-    kept, loss = np.arange(len(points)), np.zeros(len(points))
-    changed = kept
-    while len(kept) > count:
-        simplices = kept[ConvexHull(points[kept]).simplices]
+    left, loss = np.arange(len(points)), np.zeros(len(points))
+    changed = left
+    while len(left) > count:
+        simplices = left[ConvexHull(points[left]).simplices]
         for i in changed:
             ring = _neighbours(simplices, i)
             loss[i] = volume(points[[*ring, i]]) - volume(points[ring])
-        at_once = max(1, (len(kept) - ONE_BY_ONE) // 10)
-        gone = kept[np.argsort(loss[kept], kind="stable")[:at_once]]
-        kept, changed = np.setdiff1d(kept, gone), _neighbours(simplices, gone)
-    return points[kept]
+        at_once = max(1, (len(left) - ONE_BY_ONE) // 10)
+        gone = left[np.argsort(loss[left], kind="stable")[:at_once]]
+        left, changed = np.setdiff1d(left, gone), _neighbours(simplices, gone)
+    return points[left]
 
 
 def _neighbours(simplices, some) -> np.ndarray:
@@ -127,7 +127,7 @@ def volume(points) -> float:
         return 0.0
 
 
-def filled(points, count: int) -> np.ndarray:
+def more_vertices(points, count: int) -> np.ndarray:
     """Return exactly `count` vertices, adding the midpoint of the longest edge.
 
     A midpoint does not change the hull, so that it may be added more than once; an
@@ -163,14 +163,15 @@ def centroid(points) -> np.ndarray:
     return middle + volumes @ fans.mean(axis=1) * 0.75 / volumes.sum()
 
 
-def fitted_ball(points, size, height=CENTRE_HEIGHT) -> Ball:
-    """Return the ball fitted by least squares to contact points (n, 3) [m].
+def unseen_ball(points, size, ground) -> Ball:
+    """Return the ball that stands for the untouched side, fitted to contact points.
 
-    size: prior mean and standard deviation [m] of its radius; height: those [radii] of
-    its centre over z = 0.  Contact points lie in the middle of faces more often than at
-    corners, hence more often inside the ball: SIGMA_INSIDE, SIGMA_OUTSIDE.
+    By least squares; points (n, 3) [m]; size: prior mean and standard deviation [m] of
+    its radius; ground: whether there is one.  Contact points lie in the middle of faces
+    more often than at corners, hence more often inside: SIGMA_INSIDE, SIGMA_OUTSIDE.
     """
     mean, deviation = size
+    height = CENTRE_HEIGHT if ground else FLOATING_HEIGHT
     often = np.sqrt(max(1.0, len(points) / INDEPENDENT_TOUCHES))
 
     def residual(z):
@@ -188,7 +189,7 @@ def fingers_in_body(samples, x) -> np.ndarray:
     return points_in_body(x, samples.sample, samples.p_wf)
 
 
-def nearest(vertices, points) -> np.ndarray:
+def nearest_points(vertices, points) -> np.ndarray:
     """Return the points (n, 3) [m] of a hull closest to given points (n, 3) outside."""
     return nearest_triangles(vertices, points)[0]
 
@@ -215,7 +216,7 @@ def nearest_in_hull(points, centre) -> np.ndarray:
     if len(points) < 4 or spread[-1] < 1e-4:
         apart = np.linalg.norm(points[None] - centre[:, None], axis=2)
         return points[np.argmin(apart, axis=1)]
-    return nearest(hull_vertices(points), centre)
+    return nearest_points(hull_vertices(points), centre)
 
 
 def with_counts(corners, counts) -> list[np.ndarray]:
@@ -227,8 +228,8 @@ def with_counts(corners, counts) -> list[np.ndarray]:
     enough = min((count for count in counts if count >= len(corners)), default=np.inf)
     hulls = []
     for count in (count for count in counts if count <= enough):
-        corners = thinned(corners, count)
-        hulls.append(filled(corners, count))
+        corners = fewer_vertices(corners, count)
+        hulls.append(more_vertices(corners, count))
     return hulls
 
 
@@ -245,14 +246,14 @@ def without_touch(vertices, centres, count: int) -> np.ndarray:
         apart = np.linalg.norm(centres - point, axis=1)
         each, whole = ((corners == i).any(axis=1) for i in range(len(V))), volume(V)
         lost = [
-            _lost(np.delete(V, i, axis=0), whole, centres[near], apart[near])
+            _loss(np.delete(V, i, axis=0), whole, centres[near], apart[near])
             for i, near in enumerate(each)
         ]
         V = np.delete(V, np.argmin(lost), axis=0)
     return V
 
 
-def _lost(rest, whole: float, centres, apart) -> float:
+def _loss(rest, whole: float, centres, apart) -> float:
     """Return what touches lose [nats] and the share of the volume that the rest lacks.
 
     whole [m^3]: the volume with all vertices; apart (N,) [m]: of centres from that.
@@ -263,7 +264,7 @@ def _lost(rest, whole: float, centres, apart) -> float:
     share = 1 - left / whole
     if not len(centres):
         return share
-    farther = np.linalg.norm(centres - nearest(rest, centres), axis=1) - apart
+    farther = np.linalg.norm(centres - nearest_points(rest, centres), axis=1) - apart
     return share + np.minimum((farther / CORNER) ** 2 / 2, MOST_OF_TOUCH).sum()
 
 
@@ -274,8 +275,3 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
     """
     caps = ball.caps(points)
     return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
-
-
-def unseen_ball(points, size, ground) -> Ball:
-    """Return the ball that stands for the untouched side of the body."""
-    return fitted_ball(points, size, CENTRE_HEIGHT if ground else FLOATING_HEIGHT)

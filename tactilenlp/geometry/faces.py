@@ -12,6 +12,8 @@ from ..common.validation import check_types
 from ..errors import OptionError
 from .transforms import rotation_of
 
+FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
+
 
 def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the faces of the hull of points (n, 3): ordered corners, outward normal.
@@ -107,8 +109,8 @@ def _moves_of_corners(estimate) -> np.ndarray:
         return np.full((len(vertices), 3, k), np.nan)
     R_wo = estimate.rotation()
     turn = np.nan_to_num(maps["rotation"])  # NaN: held by a reduction
-    turned = -np.cross(vertices @ R_wo.T, turn.T[:, None]).transpose(1, 2, 0)
-    return maps["position"] + R_wo @ corners + turned
+    by_turn = -np.cross(vertices @ R_wo.T, turn.T[:, None]).transpose(1, 2, 0)
+    return maps["position"] + R_wo @ corners + by_turn
 
 
 def _deviations(estimate, moves, n) -> np.ndarray:
@@ -118,12 +120,9 @@ def _deviations(estimate, moves, n) -> np.ndarray:
     return np.sqrt(np.where(variance < 0, np.inf, variance))
 
 
-def touched_faces(data, quaternion, threshold) -> np.ndarray:
-    """Return how many samples touched each face of a cuboid, (3 axes, 2 sides).
-
-    threshold [-]: least cosine between measured and face normal.
-    """
+def touched_faces(data, quaternion) -> np.ndarray:
+    """Return how many samples touched each face of a cuboid, (3 axes, 2 sides)."""
     t, f = np.nonzero(data.contact)
-    R = rotation_of(quaternion[t])
-    n = R.inv().apply(data.normal[t, f])
-    return np.stack([(n < -threshold).sum(axis=0), (n > threshold).sum(axis=0)], 1)
+    n = rotation_of(quaternion[t]).inv().apply(data.normal[t, f])
+    sides = n < -FACE_COSINE, n > FACE_COSINE
+    return np.stack([side.sum(axis=0) for side in sides], 1)

@@ -32,6 +32,6 @@ def fill_gaps(values: np.ndarray, time: np.ndarray, group: np.ndarray, gone) -> 
     for f in np.flatnonzero(gone.any(axis=0)):
         for number in np.unique(group[gone[:, f]]):
             rows = group == number
-            to, known = (np.flatnonzero(rows & b) for b in (gone[:, f], ~gone[:, f]))
-            for column in values[:, f].T if len(known) else ():
-                column[to] = np.interp(time[to], time[known], column[known])
+            gaps, knots = (np.flatnonzero(rows & b) for b in (gone[:, f], ~gone[:, f]))
+            for column in values[:, f].T if len(knots) else ():
+                column[gaps] = np.interp(time[gaps], time[knots], column[knots])

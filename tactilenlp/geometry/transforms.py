@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 SERIES_ANGLE = 1e-4  # [rad] below it the series is exact to rounding
 
 
-def continuous(R) -> np.ndarray:
+def rotvecs(R) -> np.ndarray:
     """Return continuous rotation vectors (n, 3) [rad] of rotations (n, 3, 3)."""
     w = Rotation.from_matrix(np.array(R)).as_rotvec()
     far = np.linalg.norm(np.diff(w, axis=0), axis=1) >= np.pi
@@ -26,12 +26,12 @@ def continuous(R) -> np.ndarray:
     return w
 
 
-def backward(R) -> np.ndarray:
+def rotvecs_back(R) -> np.ndarray:
     """Return the same, continuous from the last rotation back, where w is shortest."""
-    return continuous(R[::-1])[::-1]
+    return rotvecs(R[::-1])[::-1]
 
 
-def turning(x) -> np.ndarray:
+def left_jacobians(x) -> np.ndarray:
     """Return the left Jacobians of SO(3) (T, 3, 3) of free poses x (6, T).
 
     They map a change of the rotation vector to a small rotation about the world's axes.
@@ -90,7 +90,7 @@ def directions_in_body(x, samples, a) -> np.ndarray:
     return np.stack([*rotate_planar(-pose[2], a[:, 0], a[:, 1]), a[:, 2]], axis=1)
 
 
-def turned_back(a, w) -> np.ndarray:
+def rotate_back(a, w) -> np.ndarray:
     """Return directions a (n, 3) before they were turned by w (n, 3) [rad]."""
     return Rotation.from_rotvec(w).inv().apply(a)
 
@@ -103,7 +103,7 @@ def points_in_body(x, samples, p_w) -> np.ndarray:
     return directions_in_body(x, samples, away)
 
 
-def carried(x, old, new) -> np.ndarray:
+def move_poses(x, old, new) -> np.ndarray:
     """Return poses x (3, T) moved by the planar motion that maps `old` to `new`."""
     turn = new[2] - old[2]
     away = x[:2] - old[:2, None]

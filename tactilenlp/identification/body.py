@@ -113,8 +113,8 @@ class Body:
             sides = " x ".join(f"{h:.2f} ± {s:.2f}" for h, s in pairs)
             what = f"A cuboid of half widths {sides} mm"
         else:
-            known = np.median(sigma["vertices"].max(axis=1)) * mm
-            what = f"A body of {len(self.vertices)} corners, ± {known:.2f} mm (median)"
+            median = np.median(sigma["vertices"].max(axis=1)) * mm
+            what = f"A body of {len(self.vertices)} corners, ± {median:.2f} mm (median)"
         height, *slopes = self.ground
         lines = [
             f"{what}, edges rounded by {self.radius * mm:.1f} ± "
@@ -168,7 +168,7 @@ def corner_shift(corners: np.ndarray) -> np.ndarray:
     hull = ConvexHull(corners)
     push = np.zeros_like(corners)
     for v in np.unique(hull.simplices):
-        mine = (hull.simplices == v).any(axis=1)
-        normals = np.unique(hull.equations[mine, :3].round(6), axis=0)
+        facets = (hull.simplices == v).any(axis=1)
+        normals = np.unique(hull.equations[facets, :3].round(6), axis=0)
         push[v] = np.linalg.lstsq(normals, np.ones(len(normals)), rcond=0.1)[0]
     return push

@@ -25,7 +25,7 @@ from ..solvers.solution import evaluated, not_converged, unfinished
 from ..solvers.solve import solve_levels
 from .body import UNOBSERVED_VERTEX, Body, BodyFit, corner_shift, fit_of
 from .impacts import impacts, may_touch, with_soft_ground
-from .starts import nothing_lands, prepared
+from .starts import nothing_lands, starts_of
 
 log = logging.getLogger("tactilenlp")
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
@@ -71,19 +71,25 @@ def identify_body(
     began, deadline = time.process_time(), Deadline.within(time_limit)
     solves = deadline.until(deadline.before_end(READOUT_SHARE * time_limit))
     with deadline.spending(STARTS):
-        steps, starts, signs, ruler = prepared(trajectories, scene, shape, guess, gauge)
+        steps, starts, signs, ruler = starts_of(
+            trajectories, scene, shape, guess, gauge
+        )
     options = replace(options, deadline=solves.until(options.deadline.at))
-    found = _best(steps, starts, signs, trajectories.dt, scene, options)
-    if throw and not found[2].success:
-        raise not_converged(found[0], found[2])
-    known = trajectories, scene, shape, steps, signs, ruler
-    body = _read_off(*known, *found, deadline)
+    problem, window, solution, chosen = _best(
+        steps, starts, signs, trajectories.dt, scene, options
+    )
+    if throw and not solution.success:
+        raise not_converged(problem, solution)
+    body = _read_off(
+        trajectories, scene, shape, steps, signs, ruler, problem, window, solution,
+        chosen, deadline,
+    )  # fmt: skip
     seconds = body.seconds | {"total": time.process_time() - began}
     return replace(body, seconds=seconds, status=deadline.marked(body.status))
 
 
 def _best(steps, starts, signs, dt, scene, options):
-    """Return the most likely of several solutions, as `_solved` does.
+    """Return the most likely of several solutions, as `_solve` does.
 
     A hard ground and the first start come first, then a ground that yields in impacts,
     then all other starts on both: each only where no fit before it is good.
@@ -93,7 +99,7 @@ def _best(steps, starts, signs, dt, scene, options):
     for theta, ground in product(starts, (steps, soft)):
         if tried and options.deadline.passed("other starts", _assembly_time(options)):
             break
-        tried.append(_solved(ground, theta, signs, dt, scene, options))
+        tried.append(_solve(ground, theta, signs, dt, scene, options))
         _, window, solution, _ = tried[-1]
         if solution.success and _fit(window, solution).verdict == "good":
             break
@@ -115,7 +121,7 @@ def _fit(window, solution) -> BodyFit:
     return fit_of(solution.costs, len(window.step))
 
 
-def _solved(steps, theta, signs, dt, scene, options):
+def _solve(steps, theta, signs, dt, scene, options):
     """Return problem, window, solution and the vertices (n, V) that may touch.
 
     theta (3, columns) [m]: the start.  Raises MotionError where nothing touches.
@@ -129,10 +135,10 @@ def _solved(steps, theta, signs, dt, scene, options):
     done = None
     for _ in range(MAX_SOLVES):
         window = impacts(steps, chosen, theta, signs, dt)
-        problem, solution = _solved_in_time(window, scene, options)
+        problem, solution = _solve_in_time(window, scene, options)
         if done is not None and solution.iterations == 0:  # no time: the one before
             return done
-        back = _sunk(steps, solution.values, signs) & ~chosen
+        back = _too_deep(steps, solution.values, signs) & ~chosen
         if not back.any():
             break
         done = problem, window, unfinished(solution), chosen
@@ -144,15 +150,15 @@ def _solved(steps, theta, signs, dt, scene, options):
     return problem, window, solution, chosen
 
 
-def _solved_in_time(window, scene, options):
+def _solve_in_time(window, scene, options):
     """Return problem and solution: its start where there is no time for a solve."""
     strict = options.deadline.until(options.deadline.at, strict=True)
     if not strict.passed("a solve", _assembly_time(options)):
         with strict.ending("a solve"):
             problem = Problem(deadline=strict)
             page.build(problem, window, scene)
-            given = replace(options, deadline=strict)
-            return problem, solve_levels(problem, page.LEVELS, {}, given)
+            options = replace(options, deadline=strict)
+            return problem, solve_levels(problem, page.LEVELS, {}, options)
     problem = Problem(cache=TermFunctionCache(derive=False))
     page.build(problem, window, scene)
     return problem, evaluated(problem, {})
@@ -175,7 +181,7 @@ def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
         )  # fmt: skip
 
 
-def _sunk(steps, values, signs) -> np.ndarray:
+def _too_deep(steps, values, signs) -> np.ndarray:
     """Return which vertices lie below the ground in which step, (n, V)."""
     level = (values["plane"] + values["offset"]).T[steps.toss]
     p = steps.corners((values["theta"] * signs).T)[:, :, 0]
@@ -206,7 +212,7 @@ def _read_off(
 ) -> Body:  # fmt: skip
     """Return the body of a solved problem, with the deviations of its numbers.
 
-    steps, signs, ruler: as of `prepared`; problem, window, solution, chosen: as of
+    steps, signs, ruler: as of `starts_of`; problem, window, solution, chosen: as of
     `_best`; deadline: of the covariance.
     """
     left = len(chosen) - len(window.step), int(steps.resting.sum())
@@ -260,7 +266,7 @@ def _sharp_sigma(C, names, signs, push) -> np.ndarray:
 def _impulses(trajectories, scene, problem, window, solution) -> np.ndarray:
     """Return the impulses (T, V, 3) [N s] of the ground on every vertex."""
     x, data = solution.at(problem)
-    found = problem.value("world impulse", x, data) @ scene.ground.rotation
+    impulses = problem.value("world impulse", x, data) @ scene.ground.rotation
     out = np.zeros((len(trajectories.toss), window.vertices, 3))
-    out[window.step.sample[window.touch.step], window.touch.vertex] = found
+    out[window.step.sample[window.touch.step], window.touch.vertex] = impulses
     return out

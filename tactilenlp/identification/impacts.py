@@ -68,11 +68,11 @@ class TossSteps(Rows):
             (self.p_wo_1, self.R_wo_1),
             (self.p_wo_next, self.R_wo_next),
         )
-        moved = [
+        places = [
             p[:, None] + np.einsum("vi,nij->nvj", vertices, R.reshape(-1, 3, 3))
             for p, R in poses
         ]
-        return np.stack(moved, axis=2)
+        return np.stack(places, axis=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,19 +190,20 @@ def gravity_of(steps: TossSteps, vertices, dt: float) -> tuple[float, float]:
     A scale error of the tracker scales the measured gravity alike.  Returns NaN, NaN
     where no toss falls for FLIGHT_SAMPLES samples.
     """
-    found = []
+    gravities = []
     high = steps.corners(vertices)[..., 2].min(axis=(1, 2)) > NEAR_GROUND
     for toss in range(steps.toss.max() + 1):
         rows = np.flatnonzero(steps.toss == toss)
         fall = rows[: np.argmin(np.append(high[rows], False))]
         z = before_a_bounce(steps.p_wo[fall, 2])
         if len(z) >= FLIGHT_SAMPLES:
-            found.append(-2 * np.polyfit(np.arange(len(z)) * dt, z, 2)[0])
-    if not found:
+            gravities.append(-2 * np.polyfit(np.arange(len(z)) * dt, z, 2)[0])
+    if not gravities:
         return np.nan, np.nan
-    mean = float(np.mean(found))
-    spread = np.std(found, ddof=1) if len(found) >= MIN_TOSSES else GRAVITY_SIGMA * mean
-    return mean, float(spread / len(found) ** 0.5)
+    mean, count = float(np.mean(gravities)), len(gravities)
+    enough = count >= MIN_TOSSES
+    sigma = np.std(gravities, ddof=1) if enough else GRAVITY_SIGMA * mean
+    return mean, float(sigma / count**0.5)
 
 
 def before_a_bounce(z: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ REST_DEPTH = 0.2e-3  # [m] that a ground yields below a body at rest
 LEAST_HALF = 1e-3  # [m]
 
 
-def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
+def starts_of(trajectories, scene, shape, guess, gauge) -> tuple:
     """Return steps in the ground's frame, starts, signs, and the gauge with sigma.
 
     starts: theta (3, columns) [m] of each; signs (3, V).
@@ -64,7 +64,7 @@ def prepared(trajectories, scene, shape, guess, gauge) -> tuple:
         if shape == "corners":
             starts, signs = [starts[0] * CUBE_SIGNS], CUBE_SIGNS**2
     else:
-        theta, signs = _given(guess, shape)
+        theta, signs = _guess_of(guess, shape)
         starts = [theta]
     ruler = _gauge(gauge, steps, (starts[0] * signs).T, fall)
     steps = read(trajectories.quaternion, ruler[0])
@@ -82,23 +82,23 @@ def nothing_lands(steps: TossSteps) -> MotionError:
     )  # fmt: skip
 
 
-def _given(guess, shape) -> tuple:
+def _guess_of(guess, shape) -> tuple:
     """Return theta (3, columns) [m] and signs (3, V) of a user's guess."""
-    cuboid, given = shape == "cuboid", as_floats(guess)
+    cuboid, theta = shape == "cuboid", as_floats(guess)
     fits = (
-        given.shape == (3,) if cuboid else given.ndim == 2 and given.shape[1:] == (3,)
+        theta.shape == (3,) if cuboid else theta.ndim == 2 and theta.shape[1:] == (3,)
     )
-    if not fits or not np.isfinite(given).all() or (cuboid and given.min() <= 0):
+    if not fits or not np.isfinite(theta).all() or (cuboid and theta.min() <= 0):
         raise OptionError(
             "cannot start there", where="guess", got=shortened(guess, most=80),
             expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
         )  # fmt: skip
-    if not (cuboid or has_volume(given)):
+    if not (cuboid or has_volume(theta)):
         raise OptionError(
-            "no body", where="guess", got=f"{len(given)} vertices without a volume",
+            "no body", where="guess", got=f"{len(theta)} vertices without a volume",
             expected="vertices whose convex hull has a volume",
         )  # fmt: skip
-    return (given[:, None], CUBE_SIGNS) if cuboid else (given.T, np.ones(given.T.shape))
+    return (theta[:, None], CUBE_SIGNS) if cuboid else (theta.T, np.ones(theta.T.shape))
 
 
 def _gauge(gauge, steps, vertices, fall) -> tuple[float, float]:
@@ -126,15 +126,15 @@ def _check_fall(toss, height, dt, gravity) -> None:
 
     height (T,) [m].  Tosses that begin in a hand or on the ground scatter.
     """
-    found = []
+    gravities = []
     for number in np.unique(toss):
         z = height[toss == number][:FIRST_SAMPLES]
         if len(z) == FIRST_SAMPLES:
-            found.append(-2 * np.polyfit(np.arange(FIRST_SAMPLES) * dt, z, 2)[0])
-    if len(found) < MIN_TOSSES:
+            gravities.append(-2 * np.polyfit(np.arange(FIRST_SAMPLES) * dt, z, 2)[0])
+    if len(gravities) < MIN_TOSSES:
         return
-    g = float(np.median(found))
-    spread = float(np.median(abs(np.array(found) - g)))
+    g = float(np.median(gravities))
+    spread = float(np.median(abs(np.array(gravities) - g)))
     if (
         spread < ALIKE * abs(g)
         and abs(np.log(max(g, LEAST_ACCELERATION) / gravity)) > FAR_OFF
@@ -155,11 +155,11 @@ def _wrong_fall(g, dt, gravity) -> MeasurementError:
 def _check_order(steps, rolled, fall) -> None:
     """Raise MeasurementError where boxes lie flat if quaternions are read as xyzw."""
     dt, gravity = fall
-    given, other = (tilt_at_rest(read, gravity, dt) for read in (steps, rolled))
-    if given > TILTED and other < FLAT:
+    as_wxyz, as_xyzw = (tilt_at_rest(read, gravity, dt) for read in (steps, rolled))
+    if as_wxyz > TILTED and as_xyzw < FLAT:
         raise MeasurementError(
             "looks like xyzw", where="quaternion",
-            got=f"boxes at rest tilted by {given:.0f} deg, as xyzw by {other:.1f}",
+            got=f"boxes at rest tilted by {as_wxyz:.0f} deg, as xyzw by {as_xyzw:.1f}",
             expected="wxyz", next="give np.roll(quaternion, 1, axis=1)",
         )  # fmt: skip
 
@@ -194,8 +194,8 @@ def support_of(steps: TossSteps, gravity: float, dt: float) -> Support | None:
     cube = np.full(3, max(height[touching].min(), LEAST_HALF))
     rows = _rows_of(steps, extent, height, gravity, dt)
     alike = (np.eye(3), cube, [PULL] * 3), (-np.eye(3), -cube, [PULL] * 3)
-    like_cube = _solved(*map(np.concatenate, zip(rows, *alike, strict=True)), 0.0)
-    return Support(like_cube, _solved(*rows, PULL), _solved(*rows, -PULL))
+    like_cube = _half_widths(*map(np.concatenate, zip(rows, *alike, strict=True)), 0.0)
+    return Support(like_cube, _half_widths(*rows, PULL), _half_widths(*rows, -PULL))
 
 
 def tilt_at_rest(steps: TossSteps, gravity: float, dt: float) -> float:
@@ -229,7 +229,7 @@ def _rows_of(steps, extent, height, gravity, dt) -> tuple:
     return A, b, np.concatenate([np.full(len(part[1]), part[2]) for part in parts])
 
 
-def _solved(A, b, weight, pull: float) -> np.ndarray:
+def _half_widths(A, b, weight, pull: float) -> np.ndarray:
     """Return half widths (3,) of least violation, pulled to small or large ones."""
     from scipy.optimize import linprog
     from scipy.sparse import hstack, identity

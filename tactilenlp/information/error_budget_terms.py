@@ -21,7 +21,7 @@ from .linearisation import ASSUMPTION_STEP, difference, kkt_residual
 from .measurement_noise import KNOWN_FACE
 from .tangent_space import rotations
 
-FRICTION = 0.1  # [-] relative deviation of a coefficient of friction that was given
+GIVEN_FRICTION_ERROR = 0.1  # [-] relative deviation of a coefficient
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
 UNTOUCHED_FACTOR = 2.0  # [position noise] of a face that only physics determines
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
@@ -73,7 +73,7 @@ def friction_error(kkt: KKTSystem, by_gradient, by_constraint, name: str) -> np.
         data[span] += side * ASSUMPTION_STEP * data[span]
         ends.append(kkt_residual(kkt.problem, kkt, data))
     slope = difference(by_gradient, by_constraint, ends, ASSUMPTION_STEP)
-    return FRICTION**2 * np.outer(slope, slope)
+    return GIVEN_FRICTION_ERROR**2 * np.outer(slope, slope)
 
 
 def uneven_ground(kkt: KKTSystem, by_constraint, window) -> np.ndarray:

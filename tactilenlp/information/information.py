@@ -16,7 +16,6 @@ from .error_budget import POOR_FIT, deviations, variances, with_ground
 from .mixture import Modes, one_mode
 from .tangent_space import inverse
 
-FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 POSE = {"position": slice(3), "rotation": slice(3, 6)}  # in `path` and `ground`
 LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the ground
 

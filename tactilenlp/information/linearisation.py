@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from formulations.names import TOUCH_TERM
 
 from ..data.ground import frame_of
-from ..data.sensor_noise import told_later
+from ..data.sensor_noise import reported_late
 from ..nlp.kkt import KKTSystem
 from .consider_parameters import Doubt, derivatives, doubts_of, ends_of
 from .measurement_noise import (
@@ -77,7 +77,7 @@ class Linearisation:
             np.zeros((kkt.x.size, 3)),
         )
         v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
-        unseen = window.pose[told_later(self.job.data, latency)]
+        unseen = window.pose[reported_late(self.job.data, latency)]
         ahead[unseen] = latency * v[unseen]
         ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
         motions[pose.span] = np.stack(ways, axis=1)

@@ -33,7 +33,7 @@ from formulations.names import (
 
 from ..data.sensor_noise import RAYLEIGH_MEDIAN, smoothing_matrices
 from ..errors import PageError
-from ..geometry.transforms import turned_back
+from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
 
 DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
@@ -245,7 +245,7 @@ def residual_of_normals(kkt: KKTSystem, window) -> float:
     normal = at_touches(window, values, touch.p_wf.T, window.finger.normal)
     felt = touch.normal
     if TURN in values:
-        felt = turned_back(felt, values[TURN].T[touch.finger])
+        felt = rotate_back(felt, values[TURN].T[touch.finger])
     off = np.linalg.norm(normal - felt, axis=1)
     return float(np.median(off)) / RAYLEIGH_MEDIAN
 

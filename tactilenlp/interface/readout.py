@@ -14,8 +14,8 @@ from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
-from ..data.mistakes import suspected
-from ..data.sensor_noise import in_time, with_fingers_earlier
+from ..data.mistakes import suspicion
+from ..data.sensor_noise import shift_in_time, with_fingers_earlier
 from ..geometry.convex_hull import centroid, fingers_in_body
 from ..geometry.faces import polygons
 from ..geometry.transforms import (
@@ -104,7 +104,7 @@ def with_suspicion(fit, job, recorded):
     if job.deadline.passed("a check for mistakes", seconds):
         return fit
     data = with_fingers_earlier(recorded, job.precision.latency)
-    return replace(fit, suspected=suspected(data, job.scene))
+    return replace(fit, suspected=suspicion(data, job.scene))
 
 
 def _solved_fields(solved) -> dict:
@@ -177,7 +177,7 @@ def poses_at_samples(job, x) -> np.ndarray:
 
     What late sensors tell of a sample was so before it, by their latency.
     """
-    return in_time(job.data, x.T, job.precision.latency).T
+    return shift_in_time(job.data, x.T, job.precision.latency).T
 
 
 def information_in_time(job, solved, faces, modes=()) -> Information:
@@ -236,7 +236,9 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         out["ground"] = by_sample(whole, window.step.sample, T)
         out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
     by = solved.job.precision.latency
-    return {name: in_time(data, one, by, beyond=False) for name, one in out.items()}
+    return {
+        name: shift_in_time(data, one, by, beyond=False) for name, one in out.items()
+    }
 
 
 def by_sample(values, rows, samples: int) -> np.ndarray:

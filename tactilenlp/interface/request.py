@@ -20,16 +20,16 @@ from ..data.scene import Scene
 from ..data.sensor_noise import (
     precise,
     precision_of,
-    smoothed,
+    smooth_paths,
     with_fingers_earlier,
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
+from ..local.hypothesis import FunctionsByPage, Hypothesis, Job
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
-from ..search.hypothesis import FunctionsByPage, Hypothesis, Job
-from ..search.proposals_surface import as_polytope
+from ..search.proposals_poses import as_polytope
 from .options import Guess, Options, Session
 from .result import Estimate
 
@@ -135,9 +135,9 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     if scene.ground is None or shape.rolls:  # nothing keeps the object flat
         made = replace(made, planar=False)
     job = Job(
-        data=smoothed(data, precision), scene=scene, shape=shape, precision=precision,
-        reductions=required_reductions(page, made), page=page, options=options,
-        deadline=Deadline.within(options.time_limit, began),
+        data=smooth_paths(data, precision), scene=scene, shape=shape,
+        precision=precision, reductions=required_reductions(page, made), page=page,
+        options=options, deadline=Deadline.within(options.time_limit, began),
         functions=FunctionsByPage() if functions is None else functions,
     )  # fmt: skip
     return job.as_late_as(precision)
@@ -217,13 +217,13 @@ def check_touched(data) -> None:
     )  # fmt: skip
 
 
-def first_guess(start, shape, ground: Ground) -> tuple:
-    """Return a user's guess as the search takes it: (name, theta, x), or nothing.
+def first_guess(start, shape, ground: Ground) -> Hypothesis | None:
+    """Return a user's guess as the search takes it: one planar pose; or None.
 
-    x: planar pose in the frame of the ground.
+    In the frame of the ground.
     """
     if not isinstance(start, Guess):
-        return ()
+        return None
     theta = start.side_lengths
     if theta.shape != (shape.theta,):
         raise StartError(
@@ -237,7 +237,8 @@ def first_guess(start, shape, ground: Ground) -> tuple:
             next="divide by 1000 if these are millimetres",
         )  # fmt: skip
     place = ground.to_ground(ground.point(start.position))
-    return (("guess", theta, np.r_[place[:2], start.yaw]),)
+    x = np.r_[place[:2], start.yaw][:, None]
+    return Hypothesis(theta, x, np.inf, ("guess",))
 
 
 def kept_axes(start, job) -> tuple | None:
@@ -246,8 +247,8 @@ def kept_axes(start, job) -> tuple | None:
     Those of a guess, or of an estimate that was solved.
     """
     if isinstance(start, Guess):
-        (_, theta, x), *_ = first_guess(start, job.shape, frame_of(job.scene.ground))
-        return theta, planar_matrix(x[2])
+        guess = first_guess(start, job.shape, frame_of(job.scene.ground))
+        return guess.theta, planar_matrix(guess.x[2, 0])
     if start is None or not start.success or start.shape != job.shape.name:
         return None
     R = rotation_of(start.quaternion[0]).as_matrix()

@@ -23,8 +23,8 @@ from ..data.measurements import Measurements
 from ..data.scene import Ground, Scene
 from ..data.sensor_noise import (
     Precision,
-    in_time,
-    turned_in_time,
+    shift_in_time,
+    shift_rotations,
     with_fingers_earlier,
 )
 from ..errors import TactileError
@@ -33,10 +33,10 @@ from ..geometry.transforms import rotation_of
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
+from ..local.hypothesis import Hypothesis
 from ..output.summary import has_sides, remarks_of, summary_of
 from ..problem.certificates import Skipped
 from ..problem.fingertips import as_spheres
-from ..search.hypothesis import Hypothesis
 from ..solvers.solution import Solution
 
 ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes
@@ -162,7 +162,7 @@ class Estimate:
         if self.finger_offset is None:
             return said
         if isinstance(joints, JointZeros):
-            return said + joints.off(said, self.finger_offset)
+            return said + joints.displacement(said, self.finger_offset)
         return said + self.finger_offset
 
     def contacts(self) -> tuple[np.ndarray, np.ndarray]:
@@ -175,8 +175,8 @@ class Estimate:
         spheres = as_spheres(with_fingers_earlier(seen, late), self.scene)
         n_w = np.where(data.contact[..., None], data.normal, np.nan)
         p_w = spheres.finger_position - data.finger_radius[:, None] * n_w
-        R_wo = rotation_of(turned_in_time(data, self.quaternion, -late)).as_matrix()
-        arms = p_w - in_time(data, self.position, -late)[:, None]
+        R_wo = rotation_of(shift_rotations(data, self.quaternion, -late)).as_matrix()
+        arms = p_w - shift_in_time(data, self.position, -late)[:, None]
         return arms @ R_wo, n_w @ R_wo
 
     @property

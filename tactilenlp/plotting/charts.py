@@ -15,7 +15,7 @@ from formulations.names import FINGER_FRICTION
 
 from ..common.validation import check_types
 from ..errors import OptionError
-from ..geometry.convex_hull import nearest
+from ..geometry.convex_hull import nearest_points
 from ..geometry.transforms import rotation_of
 from ..interface.result import Estimate
 from ..solvers.solution import Solution
@@ -204,7 +204,7 @@ def _parts(estimate, finger, shown):
     R_ow = rotation_of(estimate.quaternion[shown]).inv()
     p_wf = estimate.seen_positions[shown, finger]
     p_of = R_ow.apply(p_wf - estimate.position[shown])
-    n_o = p_of - nearest(estimate.vertices, p_of)
+    n_o = p_of - nearest_points(estimate.vertices, p_of)
     n_o /= np.linalg.norm(n_o, axis=1, keepdims=True)
     impulse = R_ow.apply(estimate.impulses[f"finger {finger}"][shown]) * MM_PER_M
     normal = -np.sum(impulse * n_o, axis=1)

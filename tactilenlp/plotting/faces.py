@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import HalfspaceIntersection
 
-from ..geometry.faces import face_sigma, polygons
+from ..geometry.faces import FACE_COSINE, face_sigma, polygons
 from ..geometry.transforms import rotation_of
-from ..information.information import FACE_COSINE
 from ..information.measurement_noise import KNOWN_FACE
 from .style import MM_PER_M
 

@@ -20,7 +20,7 @@ from formulations.finger_turn import NAME as TURN
 from formulations.names import INDENTATION, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 from ..errors import MotionError
-from ..geometry.transforms import turned_back
+from ..geometry.transforms import rotate_back
 from .pages import page_of
 from .reductions import SIDE_NORMAL
 
@@ -63,7 +63,7 @@ def with_ideal_fingertips(solved):
     touch = window.touch
     p_wf, n = touch.p_wf.copy(), touch.normal
     if TURN in solution.values:
-        n = turned_back(n, solution.values[TURN].T[touch.finger])
+        n = rotate_back(n, solution.values[TURN].T[touch.finger])
     if INDENTATION in problem.reports:
         x, data = solution.at(problem)
         p_wf[:, :3] += problem.value(INDENTATION, x, data) * n

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from formulations.likelihood import steepness
 
-from ..geometry.convex_hull import fingers_in_body, nearest, nearest_triangles
+from ..geometry.convex_hull import fingers_in_body, nearest_points, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
 from .reductions import reduce
@@ -165,7 +165,9 @@ def without_clear(window, vertices, x):
     """
     free = window.free
     centre = fingers_in_body(free, x)
-    gap = np.linalg.norm(centre - nearest(vertices, centre), axis=1) - free.radius
+    gap = (
+        np.linalg.norm(centre - nearest_points(vertices, centre), axis=1) - free.radius
+    )
     alpha = steepness(window.sigma_position)
     return replace(window, free=free.pick(gap < CLEAR_LENGTHS / alpha))
 

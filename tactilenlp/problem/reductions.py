@@ -24,6 +24,7 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
 from ..data.contact_segments import REPEATED, intervals, rate_of
+from ..data.scene import low_friction
 from ..data.sensor_noise import late_gap
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
@@ -32,7 +33,6 @@ from .window import Corners, Pushes, Rests, Samples, Steps, Window
 
 CLEARLY_FREE = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
-UNKNOWN_FRICTION = 0.1  # [-] friction of the ground, where it is not known: little
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
@@ -118,7 +118,7 @@ def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> W
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         normal_error=precision.normal_error, outlier_cost=outlier_cost(scene),
-        braking=friction_of(scene) * scene.gravity,
+        braking=low_friction(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
         central=choice.central or scene.sigma_centre == 0.0, aligned=choice.aligned,
     )  # fmt: skip
@@ -134,11 +134,6 @@ def _samples(data, p_wf, pose, chosen) -> Samples:
     )  # fmt: skip
 
 
-def friction_of(scene) -> float:
-    """Return the friction of the ground, low where it is not known."""
-    return UNKNOWN_FRICTION if scene.friction_ground is None else scene.friction_ground
-
-
 def may_move(data, scene, first) -> np.ndarray:
     """Tell for every sample whether the object may have moved since the one before.
 
@@ -150,7 +145,7 @@ def may_move(data, scene, first) -> np.ndarray:
         return np.logical_or.accumulate(contact) & ~first
     speeds = np.linalg.norm(rate_of(data, data.finger_position), axis=2)
     speed = np.where(data.contact, speeds, 0.0).max(initial=0.0)
-    slowed = friction_of(scene) * scene.gravity * intervals(data)  # [m/s] in a sample
+    slowed = low_friction(scene) * scene.gravity * intervals(data)  # [m/s] in a sample
     settle = np.ceil(np.minimum(speed / slowed, len(first)))  # samples
     now = np.arange(len(first))
     latest = np.maximum.accumulate(np.where(contact | first, now, 0))

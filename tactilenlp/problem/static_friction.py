@@ -20,8 +20,8 @@ from formulations.names import GROUND_FRICTION
 from formulations.rigid_body import ARM, LEAST_ARM
 from formulations.violation_implicit import WORK_COST
 
-from ..geometry.transforms import is_planar, turning
-from .reductions import friction_of
+from ..data.scene import low_friction
+from ..geometry.transforms import is_planar, left_jacobians
 
 MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
@@ -104,7 +104,7 @@ def _along(x) -> np.ndarray:
     if is_planar(x):
         out[:, 2, 2] = 1.0
     else:
-        out[:, 2, 3:] = np.linalg.inv(turning(x))[:, :, 2]
+        out[:, 2, 3:] = np.linalg.inv(left_jacobians(x))[:, :, 2]
     return out
 
 
@@ -120,7 +120,7 @@ def _static_friction(scene, solution) -> float:
     It is that of violation_implicit whatever page was solved, also one without
     dissipation; the page's own weight `kappa` and coefficient come first.
     """
-    values = {"kappa": WORK_COST, GROUND_FRICTION: friction_of(scene)}
+    values = {"kappa": WORK_COST, GROUND_FRICTION: low_friction(scene)}
     values |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(values[k])[0]) for k in ("kappa", GROUND_FRICTION))
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)

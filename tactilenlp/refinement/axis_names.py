@@ -15,14 +15,15 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import GROUND
 
-from ..geometry.transforms import continuous, is_planar, matrices
+from ..geometry.transforms import is_planar, matrices, rotvecs
 from ..information.mixture import relabellings
+from ..local.hypothesis import Hypothesis
+from ..local.local_solve import built_page, in_motion_of, warm_started
+from ..local.margins import UNCHANGED
+from ..local.solved import Solved
 from ..problem.pages import FORMULATIONS, name_of
-from ..search.hypothesis import Hypothesis, rotation_at
-from ..search.local_solve import built_page, in_motion_of, warm_started
-from ..search.margins import UNCHANGED
-from ..search.solved import Solved
 from ..solvers.solution import evaluated
+from ..tracking.surface import rotation_at
 
 log = logging.getLogger("tactilenlp")
 UNEQUAL = np.array([0.8, 1.0, 1.25])  # [-] of the mean side, where names are compared
@@ -59,7 +60,7 @@ def with_axes(x, S) -> np.ndarray:
     """Return poses x, planar or free, of a body frame whose axes are S (3, 3)."""
     if is_planar(x):
         return x + np.array([[0], [0], [np.arctan2(S[1, 0], S[0, 0])]])
-    return np.vstack([x[:3], continuous(matrices(x) @ S).T])
+    return np.vstack([x[:3], rotvecs(matrices(x) @ S).T])
 
 
 def with_named_axes(solved, like) -> Solved:

@@ -10,14 +10,14 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+from ..local.local_solve import solved_from, warm_started
+from ..local.margins import RESTORED
+from ..local.solved import Solved
 from ..problem.certificates import certify
 from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
-from ..search.local_solve import solved_from, warm_started
-from ..search.margins import RESTORED
 from ..search.multistart import ranking
-from ..search.proposals_tumble import recovered
-from ..search.solved import Solved
+from ..search.proposals_tumble import tumbling_motions
 from .newton_steps import with_ground_tilt
 from .profile_likelihood import PROFILE_MU, profile_deviations
 from .tilt import explains_touches, with_tilt
@@ -97,7 +97,9 @@ def restore_reductions(solved) -> Solved:
 def _solve_tumbles(job, flat, executor) -> Solved:
     """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
     evidence = unexplained_by_action(job, flat)
-    motions = recovered(job, evidence, *job.options.widths(precise=False), executor)
+    motions = tumbling_motions(
+        job, evidence, *job.options.widths(precise=False), executor
+    )
     free = job.with_reductions(planar=False)
     levels = [ranking(level) for level in job.contract.from_guesses]
     solved = [solved_from(free, h, levels=levels) for h in motions[:MAX_TUMBLE_SOLVES]]

@@ -13,13 +13,13 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..interface.result import Estimate, solution_of
+from ..local.hypothesis import Hypothesis, Job, same_body
+from ..local.local_solve import built_page, solved_from, transfer_solution
+from ..local.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
+from ..local.solved import BuiltPage, Solved, Solves, best_first
 from ..problem.pages import name_of
 from ..problem.reductions import Reductions
 from ..problem.unreduced import LEFT_OUT
-from ..search.hypothesis import Hypothesis, Job, same
-from ..search.local_solve import built_page, solved_from, transferred
-from ..search.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
-from ..search.solved import BuiltPage, Solved, Solves, best_first
 from ..solvers.solution import Solution
 
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
@@ -70,7 +70,7 @@ def of_more_samples(past: Solved, built: BuiltPage) -> Solution:
     """
     missing = np.full(len(built.window.pose) - len(past.window.pose), -1)
     window = replace(past.window, pose=np.r_[past.window.pose, missing])
-    return transferred(past.with_window(window), built)
+    return transfer_solution(past.with_window(window), built)
 
 
 def update_by_few_starts(
@@ -105,7 +105,7 @@ def update_by_few_starts(
     other = solve(second())
     alike = other.solution.success and best.solution.success
     alike = alike and abs(other.cost - best.cost) < UNCHANGED
-    return alike and same(job.shape, other.at, best.at)
+    return alike and same_body(job.shape, other.at, best.at)
 
 
 def still_explained(best, start) -> bool:

@@ -19,22 +19,22 @@ from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..problem.outliers import MIN_OF_TOUCH, unexplained
-from ..problem.polytope_window import PolytopeWindow, window_of
-from ..problem.reductions import Reductions, coasts
-from ..problem.unreduced import matching_contacts
-from ..problem.window import Corners
-from ..search.hypothesis import Hypothesis, Job
-from ..search.local_solve import continued, warm_started
-from ..search.plane_slam import poses_of_new_action
-from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
-from ..search.solved import (
+from ..local.hypothesis import Hypothesis, Job
+from ..local.local_solve import continuation, warm_started
+from ..local.solved import (
     ACCEPTABLE,
     BuiltPage,
     Solved,
     best_first,
     search_settings,
 )
+from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..problem.polytope_window import PolytopeWindow, window_of
+from ..problem.reductions import Reductions, coasts
+from ..problem.unreduced import matching_contacts
+from ..problem.window import Corners
+from ..search.plane_slam import poses_of_new_action
+from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
 from ..solvers.solution import Solution, after
 from .certification import restore_reductions
 from .incremental import (
@@ -103,7 +103,7 @@ def continue_if_implausible(solves, update=None) -> list[Solved]:
 
 def _continued(solved: Solved) -> Solved:
     """Return a solve, or the one that its continuation leads to, if that is better."""
-    again = continued(solved.job, solved)
+    again = continuation(solved.job, solved)
     return solved if again is None else min(solved, again, key=lambda s: s.rank)
 
 
@@ -178,7 +178,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         }  # fmt: skip
         built = BuiltPage(problem, window, h)
         start |= built.values_at(h)
-        solved = built.solved(job, levels, start, h, solution, settings)
+        solved = built.solve(job, levels, start, h, solution, settings)
         solution, h = solved.solution, solved.at
     return replace(solved, hypothesis=h)
 

@@ -31,9 +31,9 @@ from ..information.mixture import (
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
+from ..local.margins import DECISIVE, LEAST_MOTION_BEHIND
+from ..local.solved import Solved, comparable
 from ..problem.pages import shape_of
-from ..search.margins import DECISIVE, LEAST_MOTION_BEHIND
-from ..search.solved import Solved, comparable
 
 AUTO = (  # the classes of shape="auto"
     *("cuboid", "cylinder", "ellipsoid"),

@@ -28,13 +28,13 @@ from formulations.names import TOUCH_TERM
 from ..information.goodness_of_fit import NOTHING, Misfit
 from ..information.linearisation import kkt_residual
 from ..information.mixture import occam_of
+from ..local.local_solve import built_page, transfer_solution, warm_started
+from ..local.margins import DECISIVE, UNCHANGED
+from ..local.solved import Solved, best_first
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
-from ..search.local_solve import built_page, transferred, warm_started
-from ..search.margins import DECISIVE, UNCHANGED
 from ..search.multistart import FREED_MU
-from ..search.solved import Solved, best_first
-from ..tracking.first_touch import body_height
+from ..tracking.initial_states import body_height
 
 log = logging.getLogger("tactilenlp")
 
@@ -177,7 +177,7 @@ def gain_with_others_held(job, solved: Solved, unknown: str) -> float:
     that are far off are outliers, which cost the same wherever they are.
     """
     built = built_page(job, solved.hypothesis)
-    problem, values = built.problem, transferred(solved, built).values
+    problem, values = built.problem, transfer_solution(solved, built).values
     x, variable = problem.pack(values), problem.variables[unknown]
     own = np.arange(problem.size)[variable.span]
     costs = [n for n in problem.costs if np.isin(problem.terms[n].unknowns, own).any()]
@@ -203,7 +203,7 @@ def score(job, solved: Solved, unknown: str) -> float:
     indefinite, such a step may raise it: none is gained.
     """
     built = built_page(job, solved.hypothesis)
-    problem, start = built.problem, transferred(solved, built)
+    problem, start = built.problem, transfer_solution(solved, built)
     kkt = kkt_system_of(problem, start)
     slope = kkt_residual(problem, kkt)[0][problem.variables[unknown].span]
     return max(0.0, float(slope @ kkt.marginal(unknown) @ slope / 2))

@@ -25,9 +25,9 @@ from ..data.sensor_noise import LATENCY
 from ..information.consider_parameters import Doubt, late_touches
 from ..information.linearisation import Linearisation, ground_tilt
 from ..information.mixture import occam_of
-from ..search.local_solve import continued, warm_started
-from ..search.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
-from ..search.solved import Solved, best_first
+from ..local.local_solve import continuation, warm_started
+from ..local.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
+from ..local.solved import Solved, best_first
 from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
@@ -71,7 +71,7 @@ def with_ground_for_turns(solves) -> list[Solved]:
         return solves
     ground = job.scene.ground.turned(_common_turn(best), _below_first_touches(best))
     aligned = job.with_reductions(aligned=True)
-    leans = continued(on_ground(aligned, ground), best)
+    leans = continuation(on_ground(aligned, ground), best)
     if leans is None or not leans.solution.success:
         return solves
     leans = replace(leans, declined=best.declined)
@@ -186,7 +186,7 @@ def newly_late(job, other) -> bool:
     A job with a hypothesis is not searched.
     """
     new = other.precision.latency > job.precision.latency == 0
-    return new and job.hypothesis is None
+    return new and job.search.hypothesis is None
 
 
 def may_be_late(job) -> bool:

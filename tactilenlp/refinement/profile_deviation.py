@@ -16,8 +16,8 @@ import numpy as np
 
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import LEAST_SIGMA
-from ..search.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
-from ..search.solved import Solved
+from ..local.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
+from ..local.solved import Solved
 
 VAGUE_SHARE = 0.3  # [prior deviations] a larger sigma of a size needs no profile
 FIRST_STEP = 0.5e-3  # [m] at least

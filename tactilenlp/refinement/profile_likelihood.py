@@ -40,11 +40,12 @@ from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
-from ..search.hypothesis import Hypothesis, resized, rotation_at
-from ..search.local_solve import RANKING_TOLERANCE
-from ..search.margins import PROFILE_RISE
-from ..search.solved import Solved, settings_of
+from ..local.hypothesis import Hypothesis, resized
+from ..local.local_solve import RANKING_TOLERANCE
+from ..local.margins import PROFILE_RISE
+from ..local.solved import Solved, settings_of
 from ..solvers.solve import solve_levels
+from ..tracking.surface import rotation_at
 from .profile_deviation import Point, Profile
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces

@@ -15,18 +15,18 @@ from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW
 from ..interface.result import Estimate
-from ..problem.certificates import planar_certificate
-from ..problem.reductions import Reductions, required_reductions
-from ..search.hypothesis import distinct
-from ..search.local_solve import freed_to_tilt, solved_from, warm_started
-from ..search.margins import (
+from ..local.hypothesis import distinct
+from ..local.local_solve import freed_to_tilt, solved_from, warm_started
+from ..local.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
     RAN_AWAY,
     UNCHANGED,
 )
+from ..local.solved import Solved, best_first
+from ..problem.certificates import planar_certificate
+from ..problem.reductions import Reductions, required_reductions
 from ..search.multistart import levels_of, multistart
-from ..search.solved import Solved, best_first
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit
@@ -152,8 +152,8 @@ def from_scratch(request):
 
 def less_sure_of_pushes(request):
     """Return the request, less sure of how pushes move the body, but not carried."""
-    job = replace(request.job, process_noise=PROCESS_NOISE_FACTOR, may_be_carried=False)
-    return replace(request, job=job)
+    settings = {"process_noise": PROCESS_NOISE_FACTOR, "may_be_carried": False}
+    return replace(request, job=request.job.with_search(**settings))
 
 
 def growing(request) -> list:

@@ -26,14 +26,14 @@ from formulations.quasi_static import NORMAL
 from formulations.rigid_body import rotation
 
 from ..geometry.tipping import planar_to_free
-from ..geometry.transforms import continuous
+from ..geometry.transforms import rotvecs
+from ..local.hypothesis import Hypothesis
+from ..local.local_solve import freed_to_tilt, solved_from
+from ..local.solved import Solved, best_first
 from ..problem.outliers import with_ideal_fingertips
 from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
-from ..search.hypothesis import Hypothesis
-from ..search.local_solve import freed_to_tilt, solved_from
 from ..search.multistart import held_briefly
-from ..search.solved import Solved, best_first
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")
@@ -94,7 +94,7 @@ def tilted_by_normals(flat: Solved) -> Hypothesis:
     turns = turns * Rotation.from_rotvec(x[3:].T)
     corners = turns.as_matrix() @ body_corners(shape, theta).T
     x[2] = -corners[:, 2].min(axis=1)
-    x[3:] = continuous(turns.as_matrix()).T
+    x[3:] = rotvecs(turns.as_matrix()).T
     return replace(flat.at, x=x[:, window.pose])
 
 

@@ -3,11 +3,10 @@
 In: a `Job` (measurements, scene, shape, reductions).  Out: hypotheses, best first, each
 a shape and a trajectory.  Boxes: multi-hypothesis tracking, then multistart.
 
-- `hypothesis`, `margins`: what is compared, by body and by objective
 - `multi_hypothesis`: the search for boxes, of the package `tracking` and `least_motion`
-- `proposals_surface`: bodies of any class that explain the first touch
+- `proposals_poses`: a body of one class on the poses of another
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
-- `solved`, `local_solve`, `multistart`: the page solved from starts
+- `multistart`: the page solved from starts, by successive halving
 - `plane_slam`: several hypotheses of planes and poses of a polytope, along paths that
   pushes predict; `polytope_init`: its vertices, as many as the evidence asks for
 """

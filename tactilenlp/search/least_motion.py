@@ -19,12 +19,12 @@ import numpy as np
 from formulations import quasi_static
 
 from ..common.threads import on_one_thread
+from ..local.hypothesis import Hypothesis, Job, same_body
+from ..local.local_solve import built_page
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import LEVEL_TIME
 from ..solvers.options import SolverOptions
 from ..tracking.geometry import geometry_of
-from .hypothesis import Hypothesis, Job, same
-from .local_solve import built_page
-from .margins import LEAST_MOTION_BEHIND
-from .solved import LEVEL_TIME
 
 log = logging.getLogger("tactilenlp")
 WEAK_MOTION = {"motion weight": 100.0}  # [nats/m] a third of the page's own
@@ -49,33 +49,32 @@ class Executor(Protocol):
 
 
 def least_motion(
-    job: Job, tracks, executor: Executor | None = None, cache: dict | None = None
+    job: Job, tracks, executor: Executor | None, cache: dict
 ) -> list[Hypothesis]:
     """Return for the first tracks, in order, the optimum of least motion from there.
 
-    It ends where hardly an optimum is left to be seen (`unseen`).  executor: over which
-    the tracks are solved, several at a time; cache: optima by track, extended.
+    It ends where hardly an optimum is left to be seen (`unseen_optima`).  executor:
+    over which tracks are solved, several at a time; cache: optima by track, extended.
     """
-    cache = {} if cache is None else cache
     ends, optima, left = [], [], [h for h in tracks if h not in cache]
-    new = _solves(job, left) if executor is None else _spread(job, left, executor)
+    new = _optima(job, left) if executor is None else _optima_over(job, left, executor)
     for track in tracks:
         if track not in cache:
             cache[track] = next(new)
         h = cache[track]
         ends.append(h)
-        if not any(same(job.shape, h, other) for other in optima):
+        if not any(same_body(job.shape, h, other) for other in optima):
             optima.append(h)
         limit = min(h.objective for h in ends) + LEAST_MOTION_BEHIND
         starts, seen = (sum(h.objective <= limit for h in k) for k in (ends, optima))
-        if unseen(starts, seen) < UNSEEN:
+        if unseen_optima(starts, seen) < UNSEEN:
             words = "least motion: %d optima from %d starts, others are not expected"
             log.info(words, seen, starts)
             break
     return ends
 
 
-def unseen(starts: int, seen: int) -> float:
+def unseen_optima(starts: int, seen: int) -> float:
     """Return how many optima are expected besides those seen from so many starts.
 
     The posterior mean of Boender and Rinnooy Kan (Math. Program. 37, 1987), if any
@@ -86,13 +85,13 @@ def unseen(starts: int, seen: int) -> float:
     return seen * (seen + 1) / left if left > 0 else np.inf
 
 
-def _spread(job: Job, tracks, executor) -> Iterator[Hypothesis]:
+def _optima_over(job: Job, tracks, executor) -> Iterator[Hypothesis]:
     """Solve rounds of tracks over an executor, each in a chunk for every worker."""
     workers = getattr(executor, "_max_workers", None) or os.cpu_count() or 1
     for begin in range(0, len(tracks), ROUND):
         some = tracks[begin : begin + ROUND]
         chunks = [some[i::workers] for i in range(workers) if some[i::workers]]
-        futures = [executor.submit(_solved, job, chunk) for chunk in chunks]
+        futures = [executor.submit(_optima_here, job, chunk) for chunk in chunks]
         out = [None] * len(some)
         try:
             for i, future in enumerate(futures):
@@ -104,12 +103,12 @@ def _spread(job: Job, tracks, executor) -> Iterator[Hypothesis]:
 
 
 @on_one_thread
-def _solved(job: Job, tracks) -> list[Hypothesis]:
+def _optima_here(job: Job, tracks) -> list[Hypothesis]:
     """Return the optima of least motion from tracks, in a process of its own."""
-    return list(_solves(job, tracks))
+    return list(_optima(job, tracks))
 
 
-def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
+def _optima(job: Job, tracks) -> Iterator[Hypothesis]:
     """Yield the optimum of the quasi-static page from each track; late ones as is."""
     built = built_page(replace(job, page=quasi_static))
     level = quasi_static.LEVELS[-1]
@@ -121,7 +120,7 @@ def _solves(job: Job, tracks) -> Iterator[Hypothesis]:
         left = min(LEVEL_TIME, max(0.05, job.deadline.left))
         options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
         start = built.values_at(h)
-        solved = built.solved(job, (level,), start, h, settings=options)
+        solved = built.solve(job, (level,), start, h, settings=options)
         yield replace(solved.at, iterations=solved.solution.iterations)
 
 

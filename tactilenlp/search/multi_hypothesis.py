@@ -19,36 +19,33 @@ import numpy as np
 from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
-from ..geometry.transforms import carried
+from ..geometry.transforms import move_poses
+from ..local.hypothesis import Hypothesis, Job, distinct, diverse_starts, same_body
+from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
-from ..tracking.first_touch import (
+from ..tracking.carried import carried_away, with_carried
+from ..tracking.initial_states import (
     body_height,
-    carried_away,
-    centred,
-    from_first_touch,
     from_guess,
-    with_carried,
+    initial_states,
+    mid_face_guess,
 )
-from ..tracking.tracking import smoothed, tracked
+from ..tracking.tracking import smoothed_states, tracks_after
 from ..tracking.tracks import (
     KalmanFilter,
     SmootherStep,
     Tracks,
     filter_of,
+    new_tracks,
     parts_of,
-    started,
 )
-from .hypothesis import Hypothesis, Job, distinct, same, varied
 from .least_motion import ROUND, Executor, from_posterior, least_motion
-from .margins import DECISIVE
-from .proposals_surface import from_surface
 
 log = logging.getLogger("tactilenlp")
 SMOOTHED = 300  # tracks that are smoothed at most
-LYING = 5  # of them a start, far from each other, from which least motion is solved
+TRACKS_PER_START = 5  # far from each other, from which least motion is solved
 TRACK_SHARE = 4  # one start in so many is a track, the others are of least motion
 TURNED_AS_A_WHOLE = 0.3  # [rad] a larger turn moves the past as one piece
-CARRIED_ON = "carried"  # name of a track of a body that was carried between actions
 POSTERIOR_PARTS = 250  # of a posterior: parts of all its hypotheses together
 
 
@@ -57,36 +54,62 @@ class _Past:
     """What tracks continue: hypotheses, and how their poses follow size and last pose.
 
     along: (T, 3, n + 3) of each; of: by first track, which of them it continues; name:
-    of the proposal.
+    of the proposal; carried: whether the body may be, between two actions.
     """
 
     kept: tuple
     along: tuple
     of: np.ndarray
     name: str = "track"
+    carried: bool = False
 
     @property
     def samples(self) -> int:
         """How many samples are known."""
         return self.kept[0].x.shape[1] if self.kept else 0
 
-    def continued(self, of: int, begin, end, tail, objective) -> Hypothesis:
+    def with_track(self, of: int, begin, end, tail, objective) -> Hypothesis:
         """Return hypothesis `of`, changed to end at `begin`, with the poses `tail`."""
         theta = end[:-3]
         if not self.kept:
-            return Hypothesis(theta, tail, objective, (self.name,))
+            return Hypothesis(
+                theta, tail, objective, (self.name,), carried=self.carried
+            )
         h = self.kept[of]
         change, path = begin - h.end, (*h.path, self.name)
         if abs(change[-1]) > TURNED_AS_A_WHOLE:
-            past = carried(h.x, h.x[:, -1], begin[-3:])
+            past = move_poses(h.x, h.x[:, -1], begin[-3:])
         else:
             past = h.x + (self.along[of] @ change).T
         x = np.hstack([past, tail])
-        return replace(h, theta=theta, x=x, objective=objective, path=path)
+        return replace(
+            h, theta=theta, x=x, objective=objective, path=path, carried=self.carried
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedSearch:
+class _Run:
+    """Tracks after the first samples: what they continue, how they came about."""
+
+    past: _Past
+    samples: int
+    tracks: Tracks
+    steps: tuple[SmootherStep, ...]
+
+    def trajectories(self, samples: int, count: int) -> list[Hypothesis]:
+        """Return the best tracks as trajectories of so many samples, best first."""
+        past, tracks = self.past, self.tracks
+        rows = np.argsort(-tracks.evidence, kind="stable")[:count]
+        states, first = smoothed_states(self.steps, samples, rows)
+        done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]
+        return [
+            past.with_track(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
+            for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingSearch:
     """The search for the starts of a job: tracks, and optima of least motion from them.
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
@@ -101,158 +124,150 @@ class TrackedSearch:
     executor: Executor | None = None
     keep: Callable[[list[Hypothesis]], None] = field(default=lambda _: None)
     out_of: Callable[[Hypothesis], Hypothesis] = field(default=lambda h: h)
-    lying: dict = field(default_factory=dict)  # of tracks: the optima of least motion
+    optima: dict = field(default_factory=dict, init=False)  # of least motion, by track
 
     def starts(self) -> list[Hypothesis]:
         """Return `count` starts for all actions, the best by least motion first.
 
         Where `kept` are of all samples nothing is searched: they are the starts.
         """
-        if complete(self.kept, self.job):
+        if self.kept and self.kept[0].x.shape[1] == self.job.data.samples:
             return self._keep(self.kept)
         shape, count, tracks = self.job.shape, self.count, self._tracks()
         self._keep(tracks[:1])
-        lying, starts = self._lying(tracks), []
-        for h in varied(shape, lying, count - max(1, count // TRACK_SHARE)):
-            if not any(same(shape, h, other) for other in starts):
+        optima, starts = self._of_least_motion(tracks), []
+        for h in diverse_starts(shape, optima, count - max(1, count // TRACK_SHARE)):
+            if not any(same_body(shape, h, other) for other in starts):
                 starts.append(h)
-        pairs = zip(tracks, lying, strict=False)  # the last tracks need not be solved
+        pairs = zip(tracks, optima, strict=False)  # the last tracks need not be solved
         alone = [replace(h, objective=rest.objective) for h, rest in pairs]
         starts += alone[: count - len(starts)]
         return self._keep(sorted(starts, key=lambda h: h.rank))
 
-    def first(self) -> list[Hypothesis]:
+    def least_motion_optima(self) -> list[Hypothesis]:
         """Return the optima of least motion that continue `kept`, the best first.
 
         From the first few tracks; without those that are far behind.
         """
-        lying = self._lying(self._far_apart[:ROUND])
-        lying = sorted(lying, key=lambda h: h.objective)
-        optima = distinct(self.job.shape, lying, ROUND, DECISIVE)
+        optima = self._of_least_motion(self._far_apart[:ROUND])
+        optima = sorted(optima, key=lambda h: h.objective)
+        optima = distinct(self.job.shape, optima, ROUND, DECISIVE)
         return [self.out_of(h) for h in optima]
 
-    def second(self) -> Hypothesis:
+    def best_track(self) -> Hypothesis:
         """Return the best track as it is: another start than least motion."""
-        return self.out_of(self._continued[0])
+        return self.out_of(self._own_tracks[0])
 
     def _keep(self, hypotheses) -> list[Hypothesis]:
         """Return hypotheses in the other frame, and have them kept."""
-        moved = [self.out_of(h) for h in hypotheses]
-        self.keep(moved)
-        return moved
+        hypotheses = [self.out_of(h) for h in hypotheses]
+        self.keep(hypotheses)
+        return hypotheses
 
-    def _lying(self, tracks) -> list[Hypothesis]:
+    def _of_least_motion(self, tracks) -> list[Hypothesis]:
         """Return the optima of least motion from tracks, in order."""
-        return least_motion(self.job, tracks, self.executor, self.lying)
+        return least_motion(self.job, tracks, self.executor, self.optima)
 
     @cached_property
-    def _continued(self) -> list[Hypothesis]:
+    def _own_tracks(self) -> list[Hypothesis]:
         """Tracks that continue `kept`, smoothed, the best first."""
         return smoothed_tracks(self.job, self.kept, SMOOTHED, self._keep)
 
     @cached_property
     def _far_apart(self) -> list[Hypothesis]:
         """Tracks that continue `kept`, far from each other."""
-        return self._varied(self._continued)
+        return self._diverse(self._own_tracks)
 
     @cached_property
-    def _others(self) -> list[list[Hypothesis]]:
+    def _other_tracks(self) -> list[list[Hypothesis]]:
         """Tracks of other searches that the data ask for, far from each other."""
         job, kept, again = self.job, self.kept, []
-        if self._continued[0].path[-1] == CARRIED_ON:  # soft fingertips may look alike
-            stays = replace(job, may_be_carried=False)
+        if self._own_tracks[0].carried:  # soft fingertips may look alike
+            stays = job.with_search(may_be_carried=False)
             again.append((stays, kept, "a search for a body that stays"))
         if kept and not precise(job.data, job.precision) and job.data.contact.any():
             # Noise leaves hypotheses open that the mixture has lost: 21 nats once.
             again.append((job, (), "a search from scratch"))
         return [
-            self._varied(smoothed_tracks(other, continued, SMOOTHED))
+            self._diverse(smoothed_tracks(other, continued, SMOOTHED))
             for other, continued, name in again
             if not job.deadline.passed(name)
         ]
 
-    def _varied(self, tracks) -> list[Hypothesis]:
+    def _diverse(self, tracks) -> list[Hypothesis]:
         """Return tracks that are far from each other."""
-        return varied(self.job.shape, tracks, LYING * self.count)
+        return diverse_starts(self.job.shape, tracks, TRACKS_PER_START * self.count)
 
     def _tracks(self) -> list[Hypothesis]:
         """Return tracks far from each other, by every search that the data ask for."""
-        job, kept, count = self.job, self.kept, LYING * self.count
+        job, kept, count = self.job, self.kept, TRACKS_PER_START * self.count
         late = job.deadline.passed("other tracks")
-        tracks = self._continued[:1] if late else self._far_apart
-        several = [tracks, *self._others]
+        tracks = self._own_tracks[:1] if late else self._far_apart
+        several = [tracks, *self._other_tracks]
         tracks = [h for each in zip_longest(*several) for h in each if h][:count]
-        one_touch = job.data.actions == 1 and not (kept or job.first)
+        one_touch = job.data.actions == 1 and not (kept or job.search.guess)
         if one_touch and job.shape.faced:
             # Where one touch leaves size and place open, their middle is reported.
             data, sigma = as_spheres(job.data, job.scene), job.precision.normal
-            middle = replace(job, first=(centred(data, job.shape, sigma),))
+            theta, x = mid_face_guess(data, job.shape, sigma)
+            guess = Hypothesis(theta, x[:, None], np.inf, ("middle",))
+            middle = job.with_search(guess=guess)
             tracks = [*smoothed_tracks(middle, (), 1), *tracks][: len(tracks)]
         return tracks
-
-
-def complete(kept, job: Job) -> bool:
-    """Tell whether hypotheses have the poses of all samples of a job."""
-    return bool(kept) and kept[0].x.shape[1] == job.data.samples
 
 
 def smoothed_tracks(job: Job, kept, count: int, keep=None) -> list[Hypothesis]:
     """Return the best tracks through all actions of a job, as smoothed trajectories.
 
-    Their objective is the negative log evidence.  Without new samples: `kept`.
+    Their objective is the negative log evidence.  kept: hypotheses of fewer samples.
     keep(hypotheses): is called with the best of the actions done by Ctrl-C.
     """
-    if complete(kept, job):
-        return list(kept)
     data = as_spheres(job.data, job.scene)
-    ekf = filter_of(job, kept[0].seen(data) if kept else data)
-    results = _tracked_actions(job, ekf, kept, keep, carried=False)
-    if results is None:
+    ekf = filter_of(job, kept[0].with_offset(data) if kept else data)
+    run = _tracked_actions(job, ekf, kept, keep, carried=False)
+    if run is None:
         log.info("the body was carried between two actions: all are tracked again")
-        past, *results = _tracked_actions(job, ekf, kept, keep, carried=True)
-        results = (replace(past, name=CARRIED_ON), *results)
-    past, *results = results
-    return _smoothed(past, job.data.samples, *results, count)
+        run = _tracked_actions(job, ekf, kept, keep, carried=True)
+    return run.trajectories(job.data.samples, count)
 
 
-def _tracked_actions(job, ekf, kept, keep, carried: bool):
-    """Return past, tracks and records after all actions.
+def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
+    """Return the tracks after all actions; at the deadline the body stays where it is.
 
     carried: whether a box may be elsewhere as each action begins.  If not, but that
     explains an action better: None.
     """
     rng = np.random.default_rng(0)
     tracks, past = proposed_tracks(job, ekf, kept, rng)
+    past = replace(past, name="carried", carried=True) if carried else past
     data, done, state = ekf.data, past.samples, (tracks.z, tracks.P)
     begin = max(done - 1, 0)
-    records = [SmootherStep(begin, begin, *state, None, *state, None)]
-    whole = done, tracks, list(records)
-    actions = np.unique(data.action[done:])
+    first = SmootherStep(begin, begin, *state, None, *state, None)
+    run, actions = _Run(past, done, tracks, (first,)), np.unique(data.action[done:])
     try:
         for i, action in enumerate(progress(actions, "search")):
             rows = np.flatnonzero(data.action == action)
             rows = rows[rows >= done]
             if i and job.deadline.passed(f"a search from action {i + 1} on"):
-                break  # the body stays where it is
-            begun, after_gap = None, job.shape.faced and (i or done)
+                break
+            (*steps, last), begun = run.steps, None
+            after_gap = job.shape.faced and (i or done)
             if after_gap and carried:
-                *begun, parents = with_carried(ekf, tracks, action, rng)
-                records[-1] = records[-1].selected(parents)
-            before = tracks
-            tracks, more = tracked(ekf, tracks, rows, rng, begun)
-            sought = after_gap and job.may_be_carried and not carried
-            if sought and carried_away(ekf, before, tracks, rows):
+                *begun, parents = with_carried(ekf, run.tracks, action, rng)
+                last = last.selected(parents)
+            tracks, more = tracks_after(ekf, run.tracks, rows, rng, begun)
+            sought = after_gap and job.search.may_be_carried and not carried
+            if sought and carried_away(ekf, run.tracks, tracks, rows):
                 return None
-            records += more
-            whole = int(rows[-1]) + 1, tracks, list(records)
+            run = _Run(past, int(rows[-1]) + 1, tracks, (*steps, last, *more))
             words = "searched %d of %d actions: %d tracks, the best of %.1f nats"
             best = -tracks.evidence.max()
             log.info(words, i + 1, len(actions), tracks.z.shape[1], best)
     except KeyboardInterrupt:
-        if keep is not None and whole[0] > done:
-            keep(_smoothed(past, *whole, 1))
+        if keep is not None and run.samples > done:
+            keep(run.trajectories(run.samples, 1))
         raise
-    return past, tracks, records
+    return run
 
 
 def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
@@ -260,35 +275,21 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
     fingers, sigma = ekf.data.fingers, job.precision.normal
     if not kept:
         name = "track"
-        if job.first:
-            (guess,) = job.first
-            name, (z, P) = guess[0], from_guess(guess, ekf.geometry, rng)
-        elif job.shape.faced:
-            z, P = from_first_touch(ekf.data, job.shape, rng, sigma)
+        if (guess := job.search.guess) is not None:
+            (name,), (z, P) = guess.path, from_guess(guess.end, ekf.geometry, rng)
         else:
-            z, P = from_surface(ekf.data, job.shape, rng)
+            z, P = initial_states(ekf.data, job.shape, rng, sigma)
         none = np.zeros(z.shape[1], int)
-        return started(z, P, fingers, rng), _Past((), (), none, name)
+        return new_tracks(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]
     earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)
     z = np.array([h.end for h in kept]).T
     if job.shape.faced:
         z[2] = [body_height(ekf.data, job.shape, h, sigma) for h in z[2]]
-    tracks = started(z, np.stack(P, axis=2), fingers, rng)
+    tracks = new_tracks(z, np.stack(P, axis=2), fingers, rng)
     cost = np.array([h.objective for h in kept])
     if np.isfinite(cost).all():  # proposals that nothing was solved for have none
         tracks = replace(tracks, evidence=cost.min() - cost)
     rows = np.repeat(np.arange(len(kept)), -(-POSTERIOR_PARTS // len(kept)))
     return parts_of(ekf, tracks, rows, rng), _Past(tuple(kept), along, rows)
-
-
-def _smoothed(past, samples, tracks, records, count) -> list[Hypothesis]:
-    """Return the best tracks as smoothed trajectories, best first."""
-    rows = np.argsort(-tracks.evidence, kind="stable")[:count]
-    states, first = smoothed(records, samples, rows)
-    done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]
-    return [
-        past.continued(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
-        for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
-    ]

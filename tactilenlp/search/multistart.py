@@ -17,16 +17,16 @@ from formulations.indentation import NAME as COMPLIANCE
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from .hypothesis import same
-from .local_solve import (
+from ..local.hypothesis import same_body
+from ..local.local_solve import (
     RANKING_TOLERANCE,
     built_page,
-    grouped,
     in_motion_of,
+    level_groups,
     solved_from,
 )
-from .margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
-from .solved import Solved, Solves, best_first
+from ..local.margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
+from ..local.solved import Solved, Solves, best_first
 
 log = logging.getLogger("tactilenlp")
 HELD_ITERATIONS = 20  # of a level that holds poses
@@ -131,7 +131,7 @@ def _solve_until_alike(job, hypotheses, levels, earlier, provisional) -> None:
     Once two of them lead to the best one, no others are solved.
     """
     # Each stage ends with a level that holds no poses.
-    stages, starts = grouped(levels, lambda before, _: "x" not in before.fixed), []
+    stages, starts = level_groups(levels, lambda before, _: "x" not in before.fixed), []
     for h, built in _in_turn(job, hypotheses, earlier, provisional):
         solved, ends, alike = _solve_stages(job, h, built, stages, starts)
         starts.append((solved, ends))
@@ -157,7 +157,7 @@ def _solve_stages(job, h, built, stages, starts) -> tuple[Solved, list, Solved |
         end = solved.at if solved.solution.success else None
         for earlier, others in starts if end else ():
             other = others[len(ends)] if len(ends) < len(others) else None
-            if other and same(job.shape, end, other):
+            if other and same_body(job.shape, end, other):
                 return solved, ends, earlier
         ends.append(end)
     return solved, ends, None
@@ -179,7 +179,7 @@ def _solve_promising(job, provisional, last, earlier, solves) -> None:
         margin = LEAST_MOTION_BEHIND if s.solution.success else FAILED_BEHIND
         if s.solution.objective > best + margin:
             continue
-        if any(same(job.shape, s.at, end) for end in ends):
+        if any(same_body(job.shape, s.at, end) for end in ends):
             continue
         end = solved_from(job, s.hypothesis, s.built, last, s.solution)
         solves.add(replace(end, before_last_level=s.at))

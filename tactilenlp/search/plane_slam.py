@@ -16,6 +16,7 @@ import numpy as np
 from formulations import polytope_planes
 
 from ..data.contact_segments import NOISE_SIGMAS, contact_segments, samples_until
+from ..data.scene import typical_friction
 from ..geometry.convex_hull import (
     centroid,
     unseen_ball,
@@ -23,12 +24,11 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
+from ..local.solved import search_settings
 from ..problem.planes_window import contact_points, of_new_action, planes_window
 from ..problem.reductions import reduce
 from ..solvers.solve import solve_levels
 from ..tracking.felt_pushes import pushed_paths
-from ..tracking.tracks import friction_of
-from .solved import search_settings
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most
@@ -215,7 +215,7 @@ def predicted_paths(job, window, faces: Faces | None, samples: int) -> list[np.n
     pose = rest[:, [begin]] + np.vstack([off, np.zeros(PATHS)])
     paths = pushed_paths(
         job.data, np.arange(begin, samples), np.vstack([foot, pose]),
-        rng.uniform(*ONSET, PATHS), friction_of(job.scene),
+        rng.uniform(*ONSET, PATHS), typical_friction(job.scene),
     )  # fmt: skip
     if faces is None:
         return [rest, *(np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths)]

@@ -21,29 +21,29 @@ from ..data.contact_segments import samples_until, without_outliers
 from ..errors import NoContactError, TactileError
 from ..geometry.convex_hull import (
     Ball,
-    filled,
     fingers_in_body,
     hull_vertices,
-    merged,
-    nearest,
+    merge_points,
+    more_vertices,
     nearest_in_hull,
+    nearest_points,
     unseen_ball,
     unseen_halfspaces,
     vertices_behind,
     with_counts,
     without_touch,
 )
+from ..local.hypothesis import Hypothesis
+from ..local.local_solve import built_page
+from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.solved import Solved, search_settings
 from ..problem.reductions import Reductions, reduce
-from .hypothesis import CLOSED, Hypothesis
-from .local_solve import built_page
-from .margins import LEAST_MOTION_BEHIND
 from .plane_slam import (
     Faces,
     extended_faces,
     merged_faces,
     touched_halfspaces,
 )
-from .solved import Solved, search_settings
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
@@ -76,7 +76,7 @@ def corners_behind_planes(window, faces: Faces, size, ground=True, ball=True):
             corners = vertices_behind(halfspaces)
         except TactileError:
             break
-    return hull_vertices(merged(corners))
+    return hull_vertices(merge_points(corners))
 
 
 def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
@@ -202,7 +202,7 @@ def by_touches(job, hull: Hypothesis, counts):
             return
         centres = fingers_in_body(fit.window.touch, fit.at.x)
         V = without_touch(fit.at.theta.reshape(-1, 3), centres, count)
-        h = replace(fit.at, theta=filled(V, count).ravel())
+        h = replace(fit.at, theta=more_vertices(V, count).ravel())
         fit = polished(job, h, levels[1:])
         yield fit
 
@@ -233,13 +233,14 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     ground = job.scene.ground is not None
     arguments = window, faces, job.shape.size_prior, ground
-    hulls = {("planes",): corners_behind_planes(*arguments)}
-    if ground:
-        hulls["planes", CLOSED] = corners_behind_planes(*arguments, ball=False)
-    return [
-        Hypothesis(corners.ravel(), faces.x, faces.objective, path, faces.iterations)
-        for path, corners in hulls.items() if corners is not None
-    ]  # fmt: skip
+    theta = corners_behind_planes(*arguments).ravel()
+    cost, iterations = faces.objective, faces.iterations
+    hull = Hypothesis(theta, faces.x, cost, ("planes",), iterations)
+    corners = corners_behind_planes(*arguments, ball=False) if ground else None
+    if corners is None:
+        return [hull]
+    path = *hull.path, "closed"
+    return [hull, replace(hull, theta=corners.ravel(), path=path, closed=True)]
 
 
 def unfitted(job, faces: Faces) -> Hypothesis:
@@ -255,7 +256,7 @@ def polished(job, body: Hypothesis, levels) -> Solved:
     job = replace(job, page=polytope_quasi_static)
     built = built_page(job, body)
     start, settings = built.values_at(body), search_settings(job)
-    solved = built.solved(job, levels, start, settings=settings)
+    solved = built.solve(job, levels, start, settings=settings)
     iterations = body.iterations + solved.solution.iterations
     return replace(solved, hypothesis=replace(body, iterations=iterations))
 
@@ -282,7 +283,7 @@ def faces_of(job, h: Hypothesis) -> Faces:
     data = samples_until(job.data, h.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     centre = fingers_in_body(window.touch, h.x)
-    point = nearest(h.theta.reshape(-1, 3), centre)
+    point = nearest_points(h.theta.reshape(-1, 3), centre)
     n = centre - point
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     b, plane = (n * point).sum(axis=1), np.arange(len(n))

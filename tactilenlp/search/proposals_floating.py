@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from ..data.scene import Ground
 from ..geometry.tipping import planar_to_free
-from ..geometry.transforms import backward, continuous, matrices
-from .hypothesis import FunctionsByPage
+from ..geometry.transforms import matrices, rotvecs, rotvecs_back
+from ..local.hypothesis import FunctionsByPage
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
 PLANE_TILT = 0.2  # [rad] of a body out of the plane, and of a normal with it
@@ -30,7 +30,7 @@ def search_plane(job, guess=None) -> Ground:
 
     It is along them and their normals; with a user's guess (a Guess) it is level.
     """
-    on_plane = job.shape.tracked  # hulls may reach below it
+    on_plane = job.shape.tracked  # polytopes may reach below it
     data, size = job.data, job.shape.typical_size if on_plane else 0.0
     felt = data.contact
     first = data.action[felt.any(axis=1)][0]
@@ -74,16 +74,16 @@ def in_free_motion(h, ground: Ground, shape):
     R = ground.rotation.T @ matrices(x)
     if shape.last_pose_held:
         theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
-        return replace(h, theta=theta, x=np.vstack([p.T, backward(R @ R[-1].T).T]))
+        return replace(h, theta=theta, x=np.vstack([p.T, rotvecs_back(R @ R[-1].T).T]))
     offset = None if h.offset is None else ground.rotation.T @ h.offset
-    return replace(h, x=np.vstack([p.T, continuous(R).T]), offset=offset)
+    return replace(h, x=np.vstack([p.T, rotvecs(R).T]), offset=offset)
 
 
 def in_plane(h, ground: Ground):
     """Return the free motion of a polytope as planar poses along the plane."""
     p = ground.to_ground(h.x[:3].T)
     vertices = h.theta.reshape(-1, 3) @ ground.rotation.T + [0.0, 0.0, p[-1, 2]]
-    yaw = backward(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
+    yaw = rotvecs_back(ground.rotation @ matrices(h.x) @ ground.rotation.T)[:, 2]
     return replace(h, theta=vertices.ravel(), x=np.vstack([p[:, :2].T, yaw]))
 
 
@@ -94,27 +94,27 @@ def with_faces_tracked(h, data):
     finger is; what the touches leave open moves as in the hypothesis.
     """
     R, p = matrices(h.x), h.x[:3].T
-    turned, moved = R.copy(), p.copy()
+    R_new, p_new = R.copy(), p.copy()
     felt = data.contact
     n, c = data.normal, data.finger_position
     faces = {}  # by finger: normal and offset in the body frame
     for t in reversed(range(data.samples)):
         if t + 1 < data.samples:
-            turned[t] = R[t] @ R[t + 1].T @ turned[t + 1]
-            moved[t] = moved[t + 1] + p[t] - p[t + 1]
+            R_new[t] = R[t] @ R[t + 1].T @ R_new[t + 1]
+            p_new[t] = p_new[t + 1] + p[t] - p[t + 1]
         on = [f for f in faces if felt[t, f]]
         if on:
             m = np.vstack([*(faces[f][0] for f in on), np.eye(3)])
-            to = np.vstack([n[t, on], turned[t].T])
+            to = np.vstack([n[t, on], R_new[t].T])
             weight = np.r_[np.ones(len(on)), np.full(3, FREE_WEIGHT)]
-            turned[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
+            R_new[t] = Rotation.align_vectors(to, m, weight)[0].as_matrix()
             offset = [faces[f][1] for f in on]
             A = np.vstack([n[t, on], FREE_WEIGHT * np.eye(3)])
-            away = (n[t, on] * (c[t, on] - moved[t])).sum(axis=1) - offset
-            moved[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
+            away = (n[t, on] * (c[t, on] - p_new[t])).sum(axis=1) - offset
+            p_new[t] += np.linalg.lstsq(A, np.r_[away, np.zeros(3)], rcond=None)[0]
         for f in range(data.fingers):
             if not felt[t, f]:
                 faces.pop(f, None)
             elif f not in faces:
-                faces[f] = turned[t].T @ n[t, f], n[t, f] @ (c[t, f] - moved[t])
-    return replace(h, x=np.vstack([moved.T, backward(turned).T]))
+                faces[f] = R_new[t].T @ n[t, f], n[t, f] @ (c[t, f] - p_new[t])
+    return replace(h, x=np.vstack([p_new.T, rotvecs_back(R_new).T]))

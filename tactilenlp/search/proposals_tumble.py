@@ -19,13 +19,13 @@ from formulations import quasi_static
 
 from ..data.contact_segments import intervals
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
-from ..geometry.transforms import carried, continuous, matrices, rotate_planar
+from ..geometry.transforms import matrices, move_poses, rotate_planar, rotvecs
+from ..local.hypothesis import Hypothesis, distinct
+from ..local.solved import BuiltPage
 from ..problem.outliers import side_tilt
 from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
-from ..tracking.first_touch import BELOW_TOP
-from .hypothesis import Hypothesis, distinct
-from .multi_hypothesis import TrackedSearch, smoothed_tracks
-from .solved import BuiltPage
+from ..tracking.initial_states import BELOW_TOP
+from .multi_hypothesis import TrackingSearch, smoothed_tracks
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
@@ -49,7 +49,7 @@ class Tumble:
     start: int
     tip: Tip
 
-    def lying(self, samples: int) -> Hypothesis:
+    def fallen(self, samples: int) -> Hypothesis:
         """Return the planar hypothesis of the fallen object, at rest for `samples`."""
         S = self.tip.renamed
         p, R = self.tip.poses(self.theta, self.before.x[:, self.start])
@@ -59,7 +59,7 @@ class Tumble:
         x = np.repeat(x[:, None], samples, axis=1)
         return Hypothesis(np.abs(S) @ self.theta, x, np.inf, path)
 
-    def joined(self, later: Hypothesis) -> Iterator[Hypothesis]:
+    def whole_motions(self, later: Hypothesis) -> Iterator[Hypothesis]:
         """Yield the whole motions, free: tumbled so as to lie where `later` begins.
 
         later: planar poses of the renamed object from the action of the tumble on.  One
@@ -75,10 +75,10 @@ class Tumble:
         before, after = self.before.x[:, :k], later.x[:, n:]
         R_past, R_after = (
             matrices(planar_to_free(self.theta, flat))
-            for flat in (carried(before, stood, x), after)
+            for flat in (move_poses(before, stood, x), after)
         )
         R_after = R_after @ S
-        w = continuous(np.concatenate([R_past, R[tail], R_after]))
+        w = rotvecs(np.concatenate([R_past, R[tail], R_after]))
         for known in KNOWN_SIDES:
             theta = np.abs(S).T @ later.theta
             theta[2] = max(theta[2], self.theta[2])
@@ -86,7 +86,7 @@ class Tumble:
             x[:2] = self._upright(theta, x[2], turns, stood, landed)
             p = tip.positions(theta, x, turns)
             off = R[-1].T @ (p[-1] - [*landed[:2], p[-1, 2]])
-            p_past = planar_to_free(theta, carried(before, stood, x))[:3].T
+            p_past = planar_to_free(theta, move_poses(before, stood, x))[:3].T
             p_after = planar_to_free(np.abs(S) @ theta, after)[:3].T + R_after @ off
             p = np.vstack([p_past, p[tail], p_after])
             yield replace(later, theta=theta, x=np.hstack([p, w]).T)
@@ -103,7 +103,7 @@ class Tumble:
         return place + out * (out @ (stood[:2] - place) - grown)
 
 
-def tumbled(job, kept) -> list[Tumble]:
+def last_tumbles(job, kept) -> list[Tumble]:
     """Return proposals of how the object tumbled in the last action of a job.
 
     kept: planar hypotheses of the actions before, none if it is the first.
@@ -115,12 +115,12 @@ def tumbled(job, kept) -> list[Tumble]:
     for h in smoothed_tracks(job, kept, TRACKS):
         height = max(h.theta[2], highest + BELOW_TOP)  # tall enough for its sides
         h = replace(h, theta=np.r_[h.theta[:2], height])
-        start, tipped = _tipped(job, h)
+        start, tipped = _last_tip(job, h)
         for share, tip in tips_to_try(tipped) if tipped is not None else ():
-            thin, name = _thinned(h, tip, share), f"tips {len(out)}"
+            thin, name = _less_deep(h, tip, share), f"tips {len(out)}"
             p, R = tip.poses(thin.theta, thin.x[:, start])
             flat = planar_to_free(thin.theta, thin.x[:, : start + 1])
-            fallen = np.hstack([p, continuous(R)])[:-1].T
+            fallen = np.hstack([p, rotvecs(R)])[:-1].T
             left = h.x.shape[1] - flat.shape[1]  # none where it tips at the end
             x = np.hstack([flat, fallen[:, fallen.shape[1] - left :]])
             out.append(Tumble(thin.theta, x, name, thin, start, tip))
@@ -138,16 +138,16 @@ def tips_to_try(tip: Tip) -> list:
     return ways
 
 
-def _thinned(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
+def _less_deep(h: Hypothesis, tip: Tip, share: float) -> Hypothesis:
     """Return the hypothesis with less depth behind the pushed side, which stays."""
     theta = h.theta.copy()
     theta[tip.axis] *= share
     fall = np.array([tip.fall(x) for x in h.x.T])
-    moved = (theta - h.theta)[tip.axis] / 2 * fall.T
-    return replace(h, theta=theta, x=h.x + moved * [[1], [1], [0]])
+    shift = (theta - h.theta)[tip.axis] / 2 * fall.T
+    return replace(h, theta=theta, x=h.x + shift * [[1], [1], [0]])
 
 
-def recovered(job, evidence, width: int, solves: int, executor=None):
+def tumbling_motions(job, evidence, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions, best first: it tumbled in one of them.
 
     evidence: of outliers.unexplained_by_action for the best planar hypothesis. Any
@@ -155,18 +155,18 @@ def recovered(job, evidence, width: int, solves: int, executor=None):
     """
     actions, motions = np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
-        kept = []
+        hypotheses = []
         if job.data.contact[job.data.action < action].any():
             part = replace(job, data=job.data.select(actions[actions < action]))
-            kept = TrackedSearch(part, (), solves, executor).starts()
+            hypotheses = TrackingSearch(part, (), solves, executor).starts()
         part = replace(job, data=job.data.select(actions[actions <= action]))
-        tumbles = likeliest_tumbles(part, tumbled(part, kept))
+        tumbles = likeliest_tumbles(part, last_tumbles(part, hypotheses))
         if tumbles:
-            motions += continued(job, tumbles, width, solves, executor)
+            motions += motions_after(job, tumbles, width, solves, executor)
     return distinct(job.shape, motions, width, np.inf)
 
 
-def continued(job, tumbles, width: int, solves: int, executor=None):
+def motions_after(job, tumbles, width: int, solves: int, executor=None):
     """Return free hypotheses of all actions of a job: tumbled, then slid, best first.
 
     job: the data from the first action on; tumbles: of one action of it. What
@@ -181,12 +181,12 @@ def continued(job, tumbles, width: int, solves: int, executor=None):
     felt = part.data.contact.any(axis=1) & (data.action > action)
     touched = np.append(data.action[felt], data.action[-1] + 1)
     rest = int(np.searchsorted(data.action, touched[0]))
-    lying = [t.lying(rest) for t in tumbles]
-    later = TrackedSearch(part, lying, solves, executor).starts()
+    fallen = [t.fallen(rest) for t in tumbles]
+    later = TrackingSearch(part, fallen, solves, executor).starts()
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
-    pairs = zip(lying, tumbles, strict=True) if alone else product(later, tumbles)
-    joined = [motion for h, t in pairs for motion in t.joined(h)]
-    costs = zip(joined, _costs(job, joined), strict=True)
+    pairs = zip(fallen, tumbles, strict=True) if alone else product(later, tumbles)
+    motions = [motion for h, t in pairs for motion in t.whole_motions(h)]
+    costs = zip(motions, _costs(job, motions), strict=True)
     costed = (replace(h, objective=cost) for h, cost in costs)
     motions = sorted(costed, key=lambda h: h.objective)
     return distinct(job.shape, motions, width, np.inf)
@@ -217,7 +217,7 @@ def _costs(job, motions) -> list[float]:
     return [cost(h) for h in motions]
 
 
-def _tipped(job, h):
+def _last_tip(job, h):
     """Return the sample at which the last action tips the object, and how, or None."""
     data = job.data
     rows = np.nonzero(data.action == data.action[-1])[0]

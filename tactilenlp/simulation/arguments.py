@@ -37,12 +37,14 @@ WORLD_NUMBERS = {  # in words, the least and the most
 
 def pose_of(position, quaternion, corners: np.ndarray, ground: float | None):
     """Return the pose (7,) of a body whose corners (V, 3) [m] are above the ground."""
-    told = 4, UNIT_TOLERANCE, SceneError, "the order is wxyz"
-    quaternion = checked_unit("quaternion", quaternion, *told)
+    quaternion = checked_unit(
+        "quaternion", quaternion, 4, UNIT_TOLERANCE, SceneError, "the order is wxyz"
+    )
     R_wo = rotation_of(quaternion).as_matrix()
     lowest = (corners @ R_wo.T)[:, 2].min()
-    told = {"unit": "[m]", "finite": True}
-    position = numbers_of("position", position, SceneError, "2 or 3", **told)
+    position = numbers_of(
+        "position", position, SceneError, "2 or 3", unit="[m]", finite=True
+    )
     if len(position) == 2 and ground is not None:
         position = np.append(position, ground - lowest)
     if len(position) != 3:
@@ -78,6 +80,7 @@ def checked_lengths(name: str, value, count: int | None = None) -> np.ndarray:
 
 def world_error(where: str, expected: str, got: object, next: str = "") -> SceneError:
     """Return the error of an argument."""
-    got = shortened(got, str, 80)
-    parts = {"where": where, "expected": expected, "got": got, "next": next}
-    return SceneError("cannot be simulated", **parts)
+    return SceneError(
+        "cannot be simulated", where=where, expected=expected,
+        got=shortened(got, str, 80), next=next,
+    )  # fmt: skip

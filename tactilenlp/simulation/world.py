@@ -31,10 +31,9 @@ SAME_INSTANT = 1e-6  # [s] largest difference of equal times
 BACK_OFF, BACK_OFF_TIME = 0.008, 0.2  # [m], [s] first, along the contact normal
 RETURN_TIME = 0.4  # [s] then, back along the path
 REST_TIME = 0.2  # [s] after an action: the object comes to rest
-BODY_ARGUMENTS = ("side_lengths", "vertices")
-PLANT_ARGUMENTS = (
-    *(*BODY_ARGUMENTS, "mass", "finger_radius", "ground"),
-    *("gravity", "max_force", "restitution"),
+SAVED = (
+    *("side_lengths", "vertices", "mass"),
+    *("friction_ground", "friction_finger", "max_force"),
 )
 
 
@@ -107,13 +106,12 @@ class World:
 
     def __post_init__(self) -> None:
         if (self.side_lengths is None) == (self.vertices is None):
-            raise world_error(
-                "side_lengths, vertices", "one of the two", "both or neither"
-            )
+            got = "both or neither"
+            raise world_error("side_lengths, vertices", "one of the two", got)
         check_types(noise=(self.noise, Noise))
         for name, (expected, low, most) in WORLD_NUMBERS.items():
-            given = getattr(self, name), expected, low, np.nextafter(most, np.inf)
-            setattr(self, name, scene_number(name, *given))
+            value, high = getattr(self, name), np.nextafter(most, np.inf)
+            setattr(self, name, scene_number(name, value, expected, low, high))
         if self.ground is not None or self.gravity > 0:
             self.ground = scene_number("ground", self.ground, "a height [m]")
         self.finger_radius = checked_lengths("finger_radius", self.finger_radius)
@@ -126,9 +124,12 @@ class World:
         self.position, self.quaternion = pose[:3], pose[3:]
         self.measurements: Measurements | None = None
         self.truth: Truth | None = None
-        friction = self.friction_ground, self.friction_finger
-        known = {key: getattr(self, key) for key in PLANT_ARGUMENTS}
-        self.plant = Plant(pose=pose, friction=friction, **known)
+        self.plant = Plant(
+            side_lengths=self.side_lengths, vertices=self.vertices, pose=pose,
+            mass=self.mass, friction=(self.friction_ground, self.friction_finger),
+            finger_radius=self.finger_radius, ground=self.ground, gravity=self.gravity,
+            max_force=self.max_force, restitution=self.restitution,
+        )  # fmt: skip
         self.plant.hold(self.settle)
 
     @property
@@ -155,8 +156,8 @@ class World:
 
         Raises OptionError for a malformed trajectory, or one that starts in a body.
         """
-        limits = len(self.finger_radius), LONGEST_ACTION, FARTHEST
-        path, duration, parked = path_of(trajectory, *limits)
+        fingers = len(self.finger_radius)
+        path, duration, parked = path_of(trajectory, fingers, LONGEST_ACTION, FARTHEST)
         each = max(1, round(1 / (self.rate * TIME_STEP)))  # steps per sample
         steps = np.arange(int(duration / (each * TIME_STEP) + 1e-6) * each + 1)
         reference = path(np.minimum(steps * TIME_STEP, duration))
@@ -167,8 +168,8 @@ class World:
             touch = self.plant.follow(reference[k : k + each + 1])
             rows.append(self._row(touch))
         true = Truth(*map(np.array, zip(*rows, strict=True)))
-        out = self.plant.fingers, true.normal[-1]
-        self.plant.follow(retraction(*out, path, duration, parked))
+        here, normal = self.plant.fingers, true.normal[-1]
+        self.plant.follow(retraction(here, normal, path, duration, parked))
         self.plant.hold(REST_TIME)
         return self._keep(time, true, parked)
 
@@ -217,23 +218,14 @@ class World:
         """Write measurements, scene and truth as .npz, in the layout of README.md."""
         if self.measurements is None:
             raise SceneError("nothing is recorded", next="execute a trajectory first")
-        known = (
-            *BODY_ARGUMENTS,
-            "mass",
-            "friction_ground",
-            "friction_finger",
-            "max_force",
-        )
-        arrays = vars(self.measurements) | {key: getattr(self, key) for key in known}
+        arrays = vars(self.measurements) | {key: getattr(self, key) for key in SAVED}
         arrays = {key: value for key, value in arrays.items() if value is not None}
         for key, value in vars(self.truth).items():
             arrays[key if key.startswith("object_") else f"truth_{key}"] = value
         arrays["final_position"] = self.truth.object_position[-1]
         arrays["final_quaternion"] = self.truth.object_quaternion[-1]
-        arrays |= {
-            "contact_force_threshold": self.contact_force,
-            "solver_step": TIME_STEP,
-        }
+        arrays["contact_force_threshold"] = self.contact_force
+        arrays["solver_step"] = TIME_STEP
         write_npz(path, arrays)
 
     def _row(self, touch: np.ndarray) -> tuple:

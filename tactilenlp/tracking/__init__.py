@@ -6,7 +6,8 @@ In: starts of bodies, measurements, scene.  Out: smoothed trajectories, with evi
 - `pushing`, `filter_steps`: quasi-static pushing; prediction and correction, compiled
 - `felt_pushes`: quasi-static pushing of bodies that are known where they are felt alone
 - `process_noise`: how a body may move otherwise than predicted
-- `first_touch`: where a body may be by the first touch, or after a gap
+- `initial_states`: where a body may be by the first touch
+- `carried`: whether a box was carried between two actions
 - `tracks`: what a track is; selection by evidence, splitting
 - `tracking`: prediction and correction by an iterated extended Kalman filter; backward
   the smoother of Rauch, Tung and Striebel

@@ -12,8 +12,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from .mapped import MappedFunction, mapped, of_columns
-from .pushing import Move, pushed_as_felt
+from .mapped import MappedFunction, map_columns, of_columns
+from .pushing import Move, felt_push_motion
 from .tracks import PRESS
 
 
@@ -60,11 +60,11 @@ def _push(fingers: int) -> MappedFunction:
     friction = ca.SX.sym("mu", 2)
     moves = [Move(w[:3], w[3:6], w[6], PRESS[0]) for w in ca.horzsplit(ways)]
     n, shares = ca.horzsplit(normals), ca.vertsplit(share)
-    motion = pushed_as_felt(z, moves, n, shares, before, ca.vertsplit(friction))
+    motion = felt_push_motion(z, moves, n, shares, before, ca.vertsplit(friction))
     arguments = z, before, ca.vec(ways), ca.vec(normals), share, friction
     whole = ca.Function("felt", arguments, [motion])
 
     def derive():
         return [of_columns("felt", arguments, [motion])]
 
-    return mapped(("felt",), whole, derive)[0]
+    return map_columns(("felt",), whole, derive)[0]

@@ -13,9 +13,9 @@ from functools import cache
 import casadi as ca
 
 from .geometry import upright_surface
-from .mapped import MappedFunction, mapped, of_columns
+from .mapped import MappedFunction, map_columns, of_columns
 from .process_noise import ADDED_VARIANCE, PUSH_ERROR, TOUCHED, deviation, way_of
-from .pushing import Move, pushed
+from .pushing import Move, push_motion
 
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
 USUAL_FINGERS = 2  # that touch at once
@@ -38,28 +38,28 @@ def prediction(shape, fingers: int) -> MappedFunction:
     """
     z, P = ca.SX.sym("z", shape.theta + 3), _covariance(shape)
     before, press = ca.SX.sym("before", 3), ca.SX.sym("press", fingers)
-    ways, given = ca.SX.sym("ways", 7, fingers), ca.SX.sym("given", 3)
+    ways, factors = ca.SX.sym("ways", 7, fingers), ca.SX.sym("given", 3)
     moves = [
         Move(way[:3], way[3:6], way[6], press[f])
         for f, way in enumerate(ca.horzsplit(ways))
     ]
-    motion = pushed(shape, z, moves, before, (given[0], given[1]))
+    motion = push_motion(shape, z, moves, before, (factors[0], factors[1]))
     way, last = (way_of(ca.norm_2(d[:2]), d[2]) for d in (motion, before))
-    noise = given[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
+    noise = factors[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
     added = ca.vertcat(ca.SX(shape.theta, 1), noise**2 + ADDED_VARIANCE)
-    arguments = z, before, press, ca.vec(ways), given
+    arguments = z, before, press, ca.vec(ways), factors
 
     def derive():
         slopes = ca.densify(ca.jacobian(motion, z))
         F = ca.SX.eye(z.numel())
         F[-3:, :] += slopes
         after = ca.vertcat(z[:-3], z[-3:] + motion)
-        found = after, _triangle(F @ ca.triu2symm(P) @ F.T + ca.diag(added)), motion
-        given_in_order = z, _triangle(P), *arguments[1:]
-        return [of_columns("prediction", given_in_order, (*found, ca.vec(slopes)))]
+        results = after, _triangle(F @ ca.triu2symm(P) @ F.T + ca.diag(added)), motion
+        inputs = z, _triangle(P), *arguments[1:]
+        return [of_columns("prediction", inputs, (*results, ca.vec(slopes)))]
 
     whole = ca.Function("pushed", arguments, [motion, added])
-    return mapped(("prediction",), whole, derive)[0]
+    return map_columns(("prediction",), whole, derive)[0]
 
 
 @cache
@@ -78,16 +78,16 @@ def corrections(shape) -> tuple[MappedFunction, MappedFunction]:
     def derive():
         rows = ca.vertcat(gap / sigma[0], across.T @ level / sigma[1])
         cost = ((1 - ca.dot(felt, level)) / sigma[1]) ** 2 / 2
-        found = _corrected(x, P, rows, ca.jacobian(rows, z), cost)
-        given = *state, *finger, felt, ca.vec(across), sigma
-        touch = of_columns("touch", given, (*found, gap))
+        results = _corrected(x, P, rows, ca.jacobian(rows, z), cost)
+        inputs = *state, *finger, felt, ca.vec(across), sigma
+        touch = of_columns("touch", inputs, (*results, gap))
         slopes = ca.if_else(gap < 0, ca.gradient(gap, z).T / sigma[0], 0)
-        found = _corrected(x, P, ca.if_else(gap < 0, gap / sigma[0], 0), slopes, 0)
-        overlap = of_columns("overlap", (*state, *finger, sigma), (*found, gap))
+        results = _corrected(x, P, ca.if_else(gap < 0, gap / sigma[0], 0), slopes, 0)
+        overlap = of_columns("overlap", (*state, *finger, sigma), (*results, gap))
         return [touch, overlap]
 
     surface = ca.Function("surface", [z, *finger], [gap, level, OUTLIER])
-    return tuple(mapped(("touch", "overlap"), surface, derive))
+    return tuple(map_columns(("touch", "overlap"), surface, derive))
 
 
 def _corrected(x, P, residuals, slopes, cost):

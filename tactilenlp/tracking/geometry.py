@@ -13,14 +13,16 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from .mapped import MappedFunction, mapped, of_columns
+from formulations.shape import Shape
+
+from .mapped import MappedFunction, map_columns, of_columns
 
 EDGE_SHARE = 0.1  # [radius] rounding of edges, as in pages
 LEAST_FOOT = 2e-3  # [m] half width of the support
 UNIT_DEVIATION = 20e-3  # [m] of a size's prior: its steps are those of a cuboid
 
 
-def turned(vector, yaw):
+def rotated(vector, yaw):
     """Return a vector (2,) or (3,), its first two entries turned by a yaw [rad]."""
     c, s, x, y = ca.cos(yaw), ca.sin(yaw), vector[0], vector[1]
     return ca.vertcat(c * x - s * y, s * x + c * y, vector[2:])
@@ -28,7 +30,7 @@ def turned(vector, yaw):
 
 def in_body(z, p_w):
     """Return the horizontal coordinates (2,) of a world point in the body frame."""
-    return turned(p_w[:2] - z[-3:-1], -z[-1])
+    return rotated(p_w[:2] - z[-3:-1], -z[-1])
 
 
 def upright_contact(shape, z, p_w, radius):
@@ -49,7 +51,7 @@ def upright_surface(shape):
     """
     z, p_w, radius = ca.SX.sym("z", shape.theta + 3), ca.SX.sym("p", 3), ca.SX.sym("r")
     _, gap, n = upright_contact(shape, z, p_w, radius)
-    return [z, p_w, radius], (gap, n, turned(n, z[-1]))
+    return [z, p_w, radius], (gap, n, rotated(n, z[-1]))
 
 
 def feet_of(shape, z):
@@ -66,7 +68,7 @@ class Geometry:
     unit (n,): typical size of a change of each size, in that of a cuboid's side.
     """
 
-    shape: object
+    shape: Shape
     unit: np.ndarray
     _contact: MappedFunction
     _height: MappedFunction
@@ -94,14 +96,14 @@ class Geometry:
 @cache
 def geometry_of(shape) -> Geometry:
     """Return the geometry of a shape with sizes."""
-    given, (gap, normal, _) = upright_surface(shape)
-    height = ca.SX(2 * shape.rest_height(given[0][:-3]))
-    surface = ca.Function("surface", given, [gap, normal, height])
+    arguments, (gap, normal, _) = upright_surface(shape)
+    height = ca.SX(2 * shape.rest_height(arguments[0][:-3]))
+    surface = ca.Function("surface", arguments, [gap, normal, height])
 
     def derive():
-        contact = of_columns("contact", given, [gap, normal])
-        return [contact, of_columns("height", given[:1], [height])]
+        contact = of_columns("contact", arguments, [gap, normal])
+        return [contact, of_columns("height", arguments[:1], [height])]
 
-    functions = mapped(("contact", "height"), surface, derive)
+    functions = map_columns(("contact", "height"), surface, derive)
     unit = np.broadcast_to(np.divide(shape.size_prior[1], UNIT_DEVIATION), shape.theta)
     return Geometry(shape, unit, *functions)

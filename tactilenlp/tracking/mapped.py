@@ -51,7 +51,7 @@ class MappedFunction:
         return read, written, *between_slices(function, count, *views)
 
 
-def mapped(
+def map_columns(
     names: Sequence[str], origin: ca.Function, derive: Callable[[], list[ca.Function]]
 ) -> list[MappedFunction]:
     """Return the functions that `derive` returns, compiled for several columns.

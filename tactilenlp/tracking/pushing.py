@@ -28,7 +28,7 @@ import casadi as ca
 
 from formulations.rigid_body import ARM
 
-from .geometry import feet_of, in_body, turned, upright_contact
+from .geometry import feet_of, in_body, rotated, upright_contact
 
 STEEP = 0.35  # [-] horizontal part of a normal from which a finger pushes by its gap
 SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
@@ -121,7 +121,7 @@ class _Push:
         return D
 
 
-def pushed(shape, z, moves: list[Move], before, friction):
+def push_motion(shape, z, moves: list[Move], before, friction):
     """Return the motion (3,) [m, m, rad] of a body z (n + 3,) in one sample.
 
     moves: of the fingers that touch; before (3,): the motion of the sample before;
@@ -132,16 +132,16 @@ def pushed(shape, z, moves: list[Move], before, friction):
     return _motion(z, feet_of(shape, z), pushes, before, friction)
 
 
-def pushed_as_felt(z, moves: list[Move], normals, shares, before, friction):
+def felt_push_motion(z, moves: list[Move], normals, shares, before, friction):
     """Return the motion (3,) of a body whose surface is known where it is felt alone.
 
     z (4,): half the width of its support [m], pose of its centre of mass; normals
     [(3,)]: outward, world frame, as felt; shares [-]: of the way of each finger during
-    which it touches.  The others as of `pushed`.
+    which it touches.  The others as of `push_motion`.
     """
     pushes = []
     for move, normal, share in zip(moves, normals, shares, strict=True):
-        n = turned(normal, -z[-1])
+        n = rotated(normal, -z[-1])
         gap = -share * ca.fmax(approach_of(z, move, n), 0)
         pushes.append(_Push(z, move, in_body(z, move.p_1), gap, n))
     return _motion(z, (z[0], z[0]), pushes, before, friction)
@@ -156,14 +156,14 @@ def approach_of(z, move: Move, n):
 def _motion(z, feet, pushes, before, friction):
     """Return the motion (3,) [m, m, rad] of a body on its feet, world frame."""
     mu_g, mu_f = friction
-    compliance = _compliance(feet, pushes, turned(before, -z[-1]), mu_g)
+    compliance = _compliance(feet, pushes, rotated(before, -z[-1]), mu_g)
     for push in pushes:
         push.meet(compliance)
     D = ca.SX.zeros(3)
     for _ in range(SWEEPS if len(pushes) > 1 else 1):
         for push in pushes:
             D = push.solve(D, mu_f)
-    return ca.fmin(ca.fmax(turned(D, z[-1]), -LONGEST_MOVE), LONGEST_MOVE)
+    return ca.fmin(ca.fmax(rotated(D, z[-1]), -LONGEST_MOVE), LONGEST_MOVE)
 
 
 def _compliance(feet, pushes, before, mu_g):
@@ -177,12 +177,12 @@ def _compliance(feet, pushes, before, mu_g):
     tilt_x = sum(p.load * p.at[0] for p in pushes) / x
     tilt_y = sum(p.load * p.at[1] for p in pushes) / y
     vx, vy, turn = before[0], before[1], before[2]
-    moved = ca.sqrt(vx**2 + vy**2 + TINY) + ARM * ca.fabs(turn)
-    rounding = (0.1 * moved) ** 2 + LEAST_SPEED**2
+    travel = ca.sqrt(vx**2 + vy**2 + TINY) + ARM * ca.fabs(turn)
+    rounding = (0.1 * travel) ** 2 + LEAST_SPEED**2
     total, first, second = 0, 0, 0
     for i, k in product((1, -1), (1, -1)):
         way = (vx - k * y * turn) ** 2 + (vy + i * x * turn) ** 2
-        way = ca.if_else(moved <= SLOW, START, ca.sqrt(way + rounding))
+        way = ca.if_else(travel <= SLOW, START, ca.sqrt(way + rounding))
         share = ca.fmax((load + i * tilt_x + k * tilt_y) / 4, LEAST_LOAD)
         w = mu_g * share / way
         total, first, second = total + w, first + i * w, second + k * w

@@ -67,8 +67,8 @@ def body_surface(shape, theta, count: int = MESH_RAYS) -> np.ndarray:
 def trajectory_outline(shape, h, every: int) -> np.ndarray:
     """Return points (12, 2, T) [m] of planar poses: supports around the origin."""
     body, x = body_surface(shape, h.theta, OUTLINE_RAYS)[:, :2], h.x[:, ::every]
-    turned = LEVEL[:, None] - x[2]  # directions in the body frame
-    d = np.stack([np.cos(turned), np.sin(turned)], axis=2)
+    angle = LEVEL[:, None] - x[2]  # directions in the body frame
+    d = np.stack([np.cos(angle), np.sin(angle)], axis=2)
     reach = (d @ body.T).max(axis=2)
     return x[:2] + reach[:, None] * LEVEL_RAYS[:, :, None]
 
@@ -76,9 +76,12 @@ def trajectory_outline(shape, h, every: int) -> np.ndarray:
 def supports(shape, h, sample: int) -> np.ndarray:
     """Return the support function (38,) [m] of a body at a sample, ground frame."""
     x = h.x[:, sample]
-    if is_planar(h.x):
-        p, R = np.r_[x[:2], float(shape.rest_height(h.theta))], planar_matrix(x[2])
-    else:
-        p, R = x[:3], matrices(x[:, None])[0]
-    points = body_surface(shape, h.theta, OUTLINE_RAYS) @ R.T + p
+    p = np.r_[x[:2], float(shape.rest_height(h.theta))] if is_planar(h.x) else x[:3]
+    points = body_surface(shape, h.theta, OUTLINE_RAYS) @ rotation_at(h, sample).T + p
     return (EVERYWHERE @ points.T).max(axis=1)
+
+
+def rotation_at(h, sample: int) -> np.ndarray:
+    """Return the rotation (3, 3) of a body at a sample, planar or free."""
+    x = h.x[:, sample]
+    return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]

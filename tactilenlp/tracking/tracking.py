@@ -33,7 +33,7 @@ PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such 
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 
 
-def tracked(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
+def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
     """Return the tracks after the samples of an action, and the records.
 
     They are split at its end, unless it is the last one.  At the deadline it stops.
@@ -46,9 +46,9 @@ def tracked(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
         if ekf.deadline.left <= 0:
             break
         if replaced is None:
-            tracks, slopes, moved = predicted_tracks(ekf, tracks, before, t, rng)
+            tracks, slopes, moves = predicted_tracks(ekf, tracks, before, t, rng)
         else:
-            (tracks, slopes), moved, replaced = replaced, True, None
+            (tracks, slopes), moves, replaced = replaced, True, None
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(ekf, tracks, t)
         rows = None
@@ -57,7 +57,7 @@ def tracked(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None):
                 tracks, rows = split_tracks(ekf, tracks, t == len(felt) - 1, rng)
             elif (rows := surviving(tracks)) is not None:
                 tracks = tracks.pick(rows)
-        if moved or corrected or rows is not None:
+        if moves or corrected or rows is not None:
             records.append(
                 SmootherStep(
                     before, t, predicted, predicted_P, slopes, tracks.z, tracks.P, rows
@@ -104,22 +104,22 @@ def predicted_tracks(ekf, tracks, before, t, rng):
             return tracks, None, False
         off = noise * deviation(RELEASED, STOP_ERROR, way)
         if ekf.coasts:
-            moved = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
-            return _noisier(replace(tracks, z=moved), off), None, True
+            z = np.vstack([tracks.z[:-3], tracks.z[-3:] + tracks.motion])
+            return _with_noise(replace(tracks, z=z), off), None, True
         tracks = replace(tracks, motion=np.zeros_like(tracks.motion))
-        return _noisier(tracks, off), None, True
-    return *_pushed(ekf, tracks, before, t, np.flatnonzero(active), noise), True
+        return _with_noise(tracks, off), None, True
+    return *_after_push(ekf, tracks, before, t, np.flatnonzero(active), noise), True
 
 
-def _pushed(ekf, tracks, before, t, active, noise):
+def _after_push(ekf, tracks, before, t, active, noise):
     """Return tracks after a push of active fingers, slopes of motion (3, n + 3, S)."""
     p, radius = ekf.data.finger_position, ekf.data.finger_radius
     ways = np.concatenate([[*p[before, f], *p[t, f], radius[f]] for f in active])
     factors = np.vstack([*(np.full_like(noise, mu) for mu in ekf.friction), noise])
-    z, P, motion, slopes = prediction(ekf.geometry.shape, len(active))(
-        tracks.z, _upper(tracks.P), tracks.motion, tracks.press[active], ways, factors
-    )
-    tracks = replace(tracks, z=z, P=_whole(P, len(z)), motion=motion)
+    state = tracks.z, _triangles(tracks.P), tracks.motion, tracks.press[active]
+    predict = prediction(ekf.geometry.shape, len(active))
+    z, P, motion, slopes = predict(*state, ways, factors)
+    tracks = replace(tracks, z=z, P=_matrices(P, len(z)), motion=motion)
     return tracks, slopes.reshape(len(z), 3, -1).swapaxes(0, 1)
 
 
@@ -130,10 +130,10 @@ def between_actions(tracks, rng) -> Tracks:
     """
     resting = replace(tracks, motion=np.zeros_like(tracks.motion))
     scale = drawn_scales(GAP_FREEDOM, tracks.z.shape[1], rng)
-    return _noisier(resting, scale * GAP_POSE)
+    return _with_noise(resting, scale * GAP_POSE)
 
 
-def _noisier(tracks, deviation) -> Tracks:
+def _with_noise(tracks, deviation) -> Tracks:
     """Return tracks with process noise on the pose, of a deviation (3, S)."""
     P = tracks.P.copy()
     for i in range(3):
@@ -144,9 +144,9 @@ def _noisier(tracks, deviation) -> Tracks:
 def _corrected(ekf, tracks, t):
     """Return tracks corrected by sample t, and whether anything was to correct."""
     z, longest = tracks.z, ekf.geometry.each(*LONGEST_UPDATE)[:, None]
-    fingers = _telling(ekf, z, t)
+    fingers = _informative(ekf, z, t)
     for _ in range(PASSES):
-        off, P, evidence, informative = tracks.z - z, _upper(tracks.P), 0.0, False
+        off, P, evidence, informative = tracks.z - z, _triangles(tracks.P), 0.0, False
         for felt, correct, finger in fingers:
             off, P, added, gap = correct(z, off, P, *finger)
             evidence = evidence + added[0]
@@ -157,10 +157,10 @@ def _corrected(ekf, tracks, t):
             z = np.maximum(z + np.clip(off, -longest, longest), ekf.low)
     evidence = tracks.evidence + evidence
     evidence[~np.isfinite(evidence)] = -np.inf
-    return replace(tracks, z=z, P=_whole(P, len(z)), evidence=evidence), True
+    return replace(tracks, z=z, P=_matrices(P, len(z)), evidence=evidence), True
 
 
-def _telling(ekf, z, t) -> list[tuple]:
+def _informative(ekf, z, t) -> list[tuple]:
     """Return corrections by fingers at or near a body: felt, function, arguments."""
     data, geometry, telling = ekf.data, ekf.geometry, []
     touch, overlap = corrections(geometry.shape)
@@ -181,7 +181,7 @@ def _telling(ekf, z, t) -> list[tuple]:
     return telling
 
 
-def smoothed(records, samples: int, rows):
+def smoothed_states(records, samples: int, rows):
     """Return the states (S, n + 3, samples) of the tracks `rows`, given all samples.
 
     By the smoother of Rauch, Tung and Striebel; and the rows that these were before the
@@ -211,12 +211,12 @@ def smoothed(records, samples: int, rows):
     return states, rows if first.parents is None else first.parents[rows]
 
 
-def _upper(P) -> np.ndarray:
+def _triangles(P) -> np.ndarray:
     """Return the upper triangles by rows of covariances (k, k, S)."""
     return P[np.triu_indices(len(P))]
 
 
-def _whole(upper, k: int) -> np.ndarray:
+def _matrices(upper, k: int) -> np.ndarray:
     """Return covariances (k, k, S) from their upper triangles by rows."""
     P, (i, j) = np.empty((k, k, upper.shape[1])), np.triu_indices(k)
     P[i, j] = P[j, i] = upper

@@ -12,6 +12,8 @@ import numpy as np
 
 from ..common.deadline import Deadline
 from ..data.contact_segments import lasting_contacts
+from ..data.measurements import Measurements
+from ..data.scene import typical_friction
 from ..errors import MotionError
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
@@ -28,8 +30,6 @@ LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
 GAP_SIGMA, NORMAL_SIGMA = 0.25e-3, 0.075  # [m], [rad] model errors of a touch
-# [-] where a scene does not say, or says that the ground has none: pushes divide by it
-FRICTION_GROUND, FRICTION_FINGER = 0.3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class KalmanFilter:
     a predicted motion.
     """
 
-    data: object
+    data: Measurements
     felt: np.ndarray
     hidden: np.ndarray
     noise: tuple[float, float]
@@ -109,25 +109,19 @@ def filter_of(job, data) -> KalmanFilter:
     felt = lasting_contacts(data)
     begin_compilation(job.shape, data.fingers)
     return KalmanFilter(
-        data, felt, unseen_contact(data), noise, friction_of(scene), low, coasts(scene),
-        job.deadline, geometry_of(job.shape), job.process_noise,
+        data, felt, unseen_contact(data), noise, typical_friction(scene), low,
+        coasts(scene), job.deadline, geometry_of(job.shape), job.search.process_noise,
     )  # fmt: skip
 
 
-def friction_of(scene) -> tuple[float, float]:
-    """Return the friction of the ground and of the fingers: typical where not known."""
-    finger = FRICTION_FINGER if scene.friction_finger is None else scene.friction_finger
-    return scene.friction_ground or FRICTION_GROUND, finger
-
-
-def started(z, P, fingers: int, rng) -> Tracks:
+def new_tracks(z, P, fingers: int, rng) -> Tracks:
     """Return tracks from states z (n + 3, S) and covariances P."""
     S = z.shape[1]
-    press = presses(fingers, S, rng)
+    press = draw_presses(fingers, S, rng)
     return Tracks(z, P, np.zeros(S), press, np.zeros((3, S)))
 
 
-def presses(fingers, S, rng):
+def draw_presses(fingers, S, rng):
     """Return drawn weights (fingers, S) with which each finger presses on a top."""
     return PRESS[0] * np.exp(PRESS[1] * rng.normal(size=(fingers, S)))
 
@@ -204,5 +198,5 @@ def parts_of(ekf, tracks, rows, rng) -> Tracks:
     off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), len(parts.P))))
     z = np.maximum(parts.z + SPREAD * part * off, ekf.low)
     P = parts.P * np.where(part, SHRUNK, 1.0)
-    press = presses(len(parts.press), len(rows), rng)
+    press = draw_presses(len(parts.press), len(rows), rng)
     return replace(parts, z=z, P=P, press=press)

@@ -13,23 +13,24 @@ from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
-from ..information.information import FACE_COSINE
 from ..information.mixture import LocalOptimum, occam_of_hull, optimum_of
 from ..information.tangent_space import (
     TangentSpace,
     tangent_space_of,
     tangent_space_of_hull,
 )
+from ..local.hypothesis import Hypothesis, Job
+from ..local.margins import DECISIVE, NEGLIGIBLE
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
 from ..problem.pages import check_unknowns
+from ..problem.polytope_window import PolytopeWindow
 from ..problem.poses import poses
+from ..problem.window import Window
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
-from .hypothesis import CLOSED, Hypothesis, Job
-from .margins import DECISIVE, NEGLIGIBLE
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
@@ -52,7 +53,7 @@ class BuiltPage:
     """
 
     problem: Problem
-    window: object
+    window: Window | PolytopeWindow
     origin: Hypothesis | None
     seconds: float = 0.0
 
@@ -71,7 +72,7 @@ class BuiltPage:
             values[OFFSET] = h.offset
         return values
 
-    def solved(
+    def solve(
         self, job, levels, start, hypothesis=None, before=None, settings=None
     ) -> Solved:
         """Return the page solved along some levels, from values or from a Solution.
@@ -135,7 +136,7 @@ class Solved:
 
         A face that no touch supports must lower the objective by DECISIVE.
         """
-        favour = DECISIVE * (CLOSED in self.hypothesis.path)
+        favour = DECISIVE * self.hypothesis.closed
         cost = self.cost + (self.occam if self.solution.success else 0.0)
         return not self.solution.success, round(cost, 3) - favour
 
@@ -155,8 +156,8 @@ class Solved:
     def touched(self) -> np.ndarray:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, window = self.at, self.window
-        _, turned = poses(window.shape, window.motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, turned, FACE_COSINE)
+        _, quaternion = poses(window.shape, window.motion, at.theta, at.x, None)
+        return touched_faces(self.job.data, quaternion)
 
     @property
     def at(self) -> Hypothesis:

@@ -5,7 +5,7 @@ import pytest
 
 from tactilenlp import Ground, Measurements, Options, Workspace, World, explore
 from tactilenlp.errors import NoContactError, SceneError
-from tactilenlp.exploration.first_touch import AIM_HEIGHT, aim, sweep
+from tactilenlp.exploration.sweep import AIM_HEIGHT, aim, sweep
 
 
 def test_without_a_centre_the_workspace_is_swept_until_something_is_touched():

@@ -11,7 +11,7 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..geometry.convex_hull import filled, hull_vertices
+from ..geometry.convex_hull import hull_vertices, more_vertices
 from ..geometry.tipping import planar_to_free
 from ..problem.polytope_window import window_of
 from ..problem.reductions import required_reductions
@@ -31,7 +31,7 @@ RESTARTED = ("theta", "x", "body")  # unknowns of a rebuilt page that it guesses
 def built_page(job: Job, hypothesis=None) -> BuiltPage:
     """Return the problem of a job's page, built.
 
-    hypothesis: where it is solved from; reach depends on it, and contacts of hulls.
+    hypothesis: where it is solved from; reach and contacts of polytopes depend on it.
     """
     began = time.process_time()
     made = required_reductions(job.page, job.reductions)
@@ -60,15 +60,17 @@ def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved
     hypothesis = in_motion_of(job, hypothesis)
     built = built or built_page(job, hypothesis)
     start = before or built.values_at(hypothesis)
-    first, *later = grouped(levels or job.page.LEVELS, lambda _, level: level.rebuild)
-    solved = built.solved(job, first, start, hypothesis, before)
+    first, *later = level_groups(
+        levels or job.page.LEVELS, lambda _, level: level.rebuild
+    )
+    solved = built.solve(job, first, start, hypothesis, before)
     return _rebuilt_for(job, solved, later)
 
 
 # Warm starts: values and multipliers of an earlier solution
 
 
-def transferred(past: Solved, built: BuiltPage) -> Solution:
+def transfer_solution(past: Solved, built: BuiltPage) -> Solution:
     """Return a solution as the start of another problem of the same data, or of more.
 
     Values and multipliers of what both problems have are kept; the page guesses the
@@ -82,7 +84,7 @@ def transferred(past: Solved, built: BuiltPage) -> Solution:
 
 def warm_started(
     job, past: Solved, mu_init: float = RESTART_MU, hypothesis=None,
-    start: Callable = transferred,
+    start: Callable = transfer_solution,
 ) -> Solved:  # fmt: skip
     """Solve the page's last level from an earlier solution and its multipliers.
 
@@ -92,7 +94,7 @@ def warm_started(
     """
     built = built_page(job, hypothesis or past.hypothesis)
     last = replace(job.page.LEVELS[-1], warm_start={"mu_init": mu_init})
-    solved = built.solved(job, (last,), start(past, built))
+    solved = built.solve(job, (last,), start(past, built))
     return replace(solved, declined=past.declined)
 
 
@@ -113,7 +115,7 @@ def freed_to_tilt(job, slid: Solved) -> Solved:
 # Continuation: from an easier problem of the same page to the page itself
 
 
-def continued(job, solved: Solved) -> Solved | None:
+def continuation(job, solved: Solved) -> Solved | None:
     """Solve again by continuation from where a solve ended; None if the page has none.
 
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
@@ -130,7 +132,7 @@ def continued(job, solved: Solved) -> Solved | None:
     return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])
 
 
-def grouped(levels, begins: Callable) -> list:
+def level_groups(levels, begins: Callable) -> list:
     """Return the levels in groups, a new one where begins(the one before, level)."""
     pairs = enumerate(pairwise(levels), 1)
     cuts = [i for i, pair in pairs if begins(*pair)]
@@ -157,7 +159,7 @@ def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
     if not shape.window_depends_on_start:
         return h
     vertices = h.theta.reshape(-1, 3)
-    onto = filled(hull_vertices(vertices), len(vertices))
+    onto = more_vertices(hull_vertices(vertices), len(vertices))
     return replace(h, theta=onto.ravel())
 
 
@@ -166,6 +168,6 @@ def _rebuilt(job, solved, levels) -> Solved:
     h = with_vertices_on_hull(job.shape, solved.at)
     built = built_page(job, h)
     values, _, _ = transferred_values(solved, built.window, built.problem)
-    kept = {name: v for name, v in values.items() if name not in RESTARTED}
-    start = kept | built.values_at(h)
-    return built.solved(job, levels, start, before=solved.solution)
+    unchanged = {name: v for name, v in values.items() if name not in RESTARTED}
+    start = unchanged | built.values_at(h)
+    return built.solve(job, levels, start, before=solved.solution)

@@ -9,31 +9,38 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import ClassVar
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from formulations.implicit import noting_roots
 from formulations.page_contract import contract_of
+from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.deadline import Deadline
 from ..common.layout import ANY
-from ..data.sensor_noise import latency_cost, with_fingers_earlier
-from ..geometry.transforms import is_planar, matrices, planar_matrix
+from ..data.measurements import Measurements
+from ..data.scene import Scene
+from ..data.sensor_noise import Precision, latency_cost, with_fingers_earlier
+from ..geometry.transforms import is_planar, matrices
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.mixture import relabellings
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
+from ..problem.reductions import Reductions
 from ..tracking.surface import supports, trajectory_outline
 from ..tracking.tracks import diverse
+
+if TYPE_CHECKING:
+    from ..interface.options import Options
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 EVERY = 8  # samples of a trajectory that are compared
 # [m] far trajectories; [nats] their bonus; too far behind:
 NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
-CLOSED = "closed"  # in the path of a body whose every face was touched
 
 
 @printed
@@ -43,7 +50,8 @@ class Hypothesis:
 
     Poses are planar (3, T), or free (6, T) where a solve of free motion starts or ends;
     path: the proposals that led to it, one word an action; offset (3, F) [m] of the
-    fingers, where their positions are not known exactly.
+    fingers, where their positions are not known exactly; carried: whether it was, by
+    hand, between two actions; closed: whether every face was touched, of a polytope.
     """
 
     theta: np.ndarray
@@ -52,10 +60,17 @@ class Hypothesis:
     path: tuple[str, ...]
     iterations: int = 0
     offset: np.ndarray | None = None
+    carried: bool = False
+    closed: bool = False
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "theta": (ANY,), "x": (ANY, ANY), "offset": (3, ANY),
     }  # fmt: skip
+
+    @classmethod
+    def from_file(cls, path, **fields) -> Hypothesis:
+        """Return that of a file, where `closed` may be a word of the path alone."""
+        return cls(path=path, **{"closed": "closed" in path} | fields)
 
     @property
     def rank(self) -> float:
@@ -67,7 +82,7 @@ class Hypothesis:
         """Theta and the last pose (n + 3,), (n + 6,) in free motion."""
         return np.r_[self.theta, self.x[:, -1]]
 
-    def seen(self, data):
+    def with_offset(self, data):
         """Return the measurements with the fingers where this hypothesis has them."""
         if self.offset is None:
             return data
@@ -94,35 +109,44 @@ class FunctionsByPage(dict):
 
 
 @dataclass(frozen=True, eq=False)
+class SearchSettings:
+    """How a job is searched.
+
+    guess: a user's, of one sample, of the body at the first touch; process_noise:
+    factor of its deviations; may_be_carried: whether the body may be, by hand, between
+    two actions; hypothesis: one of all samples that is solved instead of a search.
+    """
+
+    guess: Hypothesis | None = None
+    process_noise: float = 1.0
+    may_be_carried: bool = True
+    hypothesis: Hypothesis | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Job:
     """What a solve needs to know, picklable: measurements and how to read them.
 
-    data, scene, shape, precision, reductions; page: a module with `build` and `LEVELS`;
-    options: the caller's; deadline: by which it is to end; functions: the caller's
-    store of term functions, filled by the solves; first: a user's guesses (name, theta,
-    x) of the first touch; cuts: samples within rest intervals that need a pose of their
-    own; process_noise: factor of the search's; may_be_carried: whether the search
-    considers that a body was, between two actions; hypothesis: one of all samples
-    that is solved instead of a search; recorded: the data before a latency, if any.
+    page: a module with `build` and `LEVELS`; options: the caller's; deadline: by which
+    it is to end; functions: the caller's store of term functions, filled by the solves;
+    cuts: samples within rest intervals that need a pose of their own; search: what only
+    a search reads; recorded: the data before a latency, if any.
 
     Pickled, it has no page: other processes search, and solve pages of their own.
     """
 
-    data: object
-    scene: object
-    shape: object
-    precision: object
-    reductions: object
-    page: object
-    options: object
+    data: Measurements
+    scene: Scene
+    shape: Shape
+    precision: Precision
+    reductions: Reductions
+    page: ModuleType | None
+    options: Options
     deadline: Deadline
     functions: FunctionsByPage
-    first: tuple = ()
-    cuts: tuple = ()
-    process_noise: float = 1.0
-    may_be_carried: bool = True
-    hypothesis: Hypothesis | None = None
-    recorded: object = None
+    cuts: tuple[int, ...] = ()
+    search: SearchSettings = SearchSettings()
+    recorded: Measurements | None = None
 
     def __getstate__(self) -> dict:
         return {**vars(self), "page": None}
@@ -131,6 +155,10 @@ class Job:
     def contract(self):
         """What the page states of itself."""
         return contract_of(self.page)
+
+    def with_search(self, **settings) -> Job:
+        """Return the job with other settings of the search, by name."""
+        return replace(self, search=replace(self.search, **settings))
 
     def with_reductions(self, **made: bool) -> Job:
         """Return the job with other values of some reductions, by name."""
@@ -188,32 +216,33 @@ def distinct(
     hopeless [nats]: none that is further behind the best; samples: where bodies are
     compared.
     """
-    kept = []
+    chosen = []
     for h in sorted(hypotheses, key=lambda h: h.rank):
-        if kept and h.objective > kept[0].objective + hopeless:
+        if chosen and h.objective > chosen[0].objective + hopeless:
             break
-        if len(kept) < count and not any(same(shape, h, k, samples) for k in kept):
-            kept.append(h)
-    return kept
+        again = (same_body(shape, h, other, samples) for other in chosen)
+        if len(chosen) < count and not any(again):
+            chosen.append(h)
+    return chosen
 
 
-def varied(shape, hypotheses, count: int) -> list[Hypothesis]:
+def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return good hypotheses far from each other, every second one of another yaw.
 
     Places along a touched face alone would take all starts, and leave its edges none.
     """
-    far = distant(shape, hypotheses, count - count // 2)
+    far = far_apart(shape, hypotheses, count - count // 2)
     rest = [h for h in hypotheses if all(h is not other for other in far)]
     rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
     order = [*far, *sorted(rest, key=lambda h: h.objective)]
     yaw = np.array([h.x[2, -1] for h in order])
-    chosen = diverse(_folded(shape, yaw), count).tolist()
+    chosen = diverse(_modulo_turns(shape, yaw), count).tolist()
     half = len(chosen) - len(chosen) // 2
     pairs = zip_longest(chosen[:half], chosen[half:])
     return [order[i] for pair in pairs for i in pair if i is not None]
 
 
-def _folded(shape, yaw):
+def _modulo_turns(shape, yaw):
     """Return yaws [rad] within the turns about the vertical that leave a body the same.
 
     The circular mean is in the middle, so that nearly equal yaws stay together.
@@ -223,7 +252,7 @@ def _folded(shape, yaw):
     return (yaw - middle + np.pi / turns) % (2 * np.pi / turns)
 
 
-def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
+def far_apart(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return the best hypothesis, then good ones whose trajectories are far."""
     outlines = np.array([trajectory_outline(shape, h, EVERY) for h in hypotheses])
     cost = np.array([h.objective for h in hypotheses])
@@ -240,16 +269,10 @@ def distant(shape, hypotheses, count: int) -> list[Hypothesis]:
     return [hypotheses[i] for i in chosen]
 
 
-def same(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
+def same_body(shape, a: Hypothesis, b: Hypothesis, samples=COMPARED) -> bool:
     """Tell whether two hypotheses are the same body at the given samples."""
     pairs = ([supports(shape, h, k) for h in (a, b)] for k in samples)
     return all(np.abs(s - t).max() <= SAME_BODY for s, t in pairs)
-
-
-def rotation_at(h: Hypothesis, sample: int) -> np.ndarray:
-    """Return the rotation (3, 3) of a body at a sample, planar or free."""
-    x = h.x[:, sample]
-    return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
 
 
 def resized(hypothesis, axis: int, size: float, touched):

@@ -82,20 +82,20 @@ def first_touch(world, space: Workspace, centre, rng):
     One finger aims at centre (3,) [m], if one is given; without contact, the workspace
     is swept.  Raises NoContactError.
     """
-    alone, told = tuple(f == 0 for f in range(space.fingers)), []
+    alone, trajectories = tuple(f == 0 for f in range(space.fingers)), []
     if centre is not None:
         centre = aim(space, centre)
         action = space.random(rng, alone, centre)
-        told.append(action.trajectory(centre))
-        data = executed(world, told[-1])
+        trajectories.append(action.trajectory(centre))
+        data = execute(world, trajectories[-1])
         if lasting_touch(data):
-            return action, data, tuple(told)
+            return action, data, tuple(trajectories)
         log.warning("no contact at the given centre: sweeping the workspace")
     for trajectory in sweep(space, centre):
-        told.append(trajectory)
-        data = executed(world, trajectory)
+        trajectories.append(trajectory)
+        data = execute(world, trajectory)
         if lasting_touch(data):
-            return None, data, tuple(told)
+            return None, data, tuple(trajectories)
     raise NoContactError(
         "no contact",
         where="explore",
@@ -126,7 +126,7 @@ def checked_centre(centre) -> np.ndarray:
     )  # fmt: skip
 
 
-def executed(world, trajectory) -> Measurements:
+def execute(world, trajectory) -> Measurements:
     """Return what a world measured on a trajectory; OptionError if it is nothing."""
     data = world.execute(trajectory)
     if not isinstance(data, Measurements):

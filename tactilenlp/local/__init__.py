@@ -1,0 +1,10 @@
+"""Local solves: a page solved from one hypothesis, its order beside others.
+
+In: a `Job` (measurements, scene, shape, page), a `Hypothesis` (shape and trajectory).
+Out: a `Solved` page: optimum, evidence, KKT system, fit, certificates.
+
+- `hypothesis`: what is solved from, how two are compared; the job
+- `local_solve`: from a hypothesis, from an earlier solution, by continuation
+- `solved`: a page as it is built and solved
+- `margins`: how far objectives must differ before a choice depends on it
+"""

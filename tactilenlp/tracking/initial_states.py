@@ -1,0 +1,217 @@
+"""Where a body may be by its first touch: Gaussians of sizes and pose; or by a guess.
+
+Boxes: the touched point is on a face, on an edge beside it, or on the top; sides are
+drawn about their prior.
+
+Other shapes: the finger's centre is at the distance of its radius from the surface.  So
+for each draw of theta, and of the direction in which the finger lies from the body's
+axis, that point is found by bisection along a horizontal ray at the height of the
+finger; the normal there and the one that was felt tell which way the body is turned.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data.contact_segments import first_contact, first_onset, lasting_contacts
+from ..geometry.transforms import rotate_planar
+from .geometry import geometry_of
+
+DRAWN = 1000  # boxes that explain the first touch; 300 miss some
+SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
+SHORTEST_SIDE, LONGEST_SIDE = 15e-3, 90e-3  # [m] sides drawn
+LARGE, LARGE_DRAWN = (60e-3, 200e-3), 300  # [m] sides of large boxes, and how many
+YAW = 0.15  # [rad] deviation of a face from the normal felt
+# [-] share of draws that are touched on a face, not on an edge: with 0.7, and edges
+# from 15 degrees on, 10 of 89 noisy boxes miss the best optimum known by 0.5 nats, so 6
+ON_FACE = 0.5
+EDGE_TURN = np.radians([8.0, 82.0])  # [rad] of a face from the normal at an edge
+START_SIGMA = np.r_[6e-3, 6e-3, 4e-3, 3e-3, 3e-3, 0.15]  # [m, rad] of drawn boxes
+OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
+BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
+TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
+RIM_NORMAL, RIM_SIGMAS = 0.25, 3.0  # [-], [sigma] n_z of a touch of the rim: at least
+# Of other shapes than boxes:
+SHARE = 0.75  # [prior deviations] of drawn sizes about the mean: 15 mm of a cuboid
+SMALLEST, LARGEST = 1 / 3, 2.0  # [mean of the prior] sizes drawn
+TRIED = 10  # draws for each that is kept, at most
+SIZE_HALVINGS = 30
+SLOPE = 0.3  # [-] deviation of the vertical part of a normal
+SAME_HEIGHT = 2e-3  # [m] of a top and of a finger that touches it
+SIGMA = 6e-3, 3e-3, 0.15  # [m, m, rad] of sizes, place, yaw of a draw
+
+
+def initial_states(data, shape, rng, sigma: float):
+    """Return states z (n + 3, S) and covariances (n + 3, n + 3, S) at the first touch.
+
+    sigma [rad]: noise of the normals.
+    """
+    if shape.faced:
+        return box_states(data, shape, rng, sigma)
+    return surface_states(data, shape, rng)
+
+
+def box_states(data, shape, rng, sigma: float):
+    """Return the states and covariances of boxes.
+
+    Large boxes are added to those about the prior's mean, since the prior of sizes has
+    heavy tails.
+    """
+    mean, contact = shape.typical_size, first_contact(data)
+    usual = np.clip(
+        rng.normal(mean, SIZE_SPREAD, (2, DRAWN)), SHORTEST_SIDE, LONGEST_SIDE
+    )
+    poses = places_of(*usual, contact, rng)
+    large = np.exp(rng.uniform(*np.log(LARGE), (2, LARGE_DRAWN)))
+    poses = np.hstack([poses, places_of(*large, contact, rng)])
+    sides = np.hstack([usual, large])
+    height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
+    P = np.repeat(np.diag(START_SIGMA**2)[..., None], sides.shape[1], axis=2)
+    P[[0, 1], [0, 1]] *= np.maximum(1.0, sides / LONGEST_SIDE) ** 2
+    return np.array([*sides, height, *poses]), P
+
+
+def from_guess(guess, geometry, rng):
+    """Return states and covariances about a user's guess (n + 3,): theta and pose."""
+    sigma = START_SIGMA
+    if not geometry.shape.faced:
+        sigma = geometry.each(START_SIGMA[0], *START_SIGMA[4:])
+    off = sigma[:, None] * rng.normal(size=(len(sigma), DRAWN))
+    off[:, 0] = 0.0
+    z = guess[:, None] + off
+    z[:-3] = np.maximum(z[:-3], SHORTEST_SIDE / 2)
+    return z, np.repeat(np.diag(sigma**2)[..., None], DRAWN, axis=2)
+
+
+def mid_face_guess(data, shape, sigma: float) -> tuple:
+    """Return theta (3,) and pose (3,) of a typical box, touched in mid-face."""
+    p, n = first_contact(data)
+    mean, top = shape.typical_size, np.linalg.norm(n[:2]) < TOP_TILT
+    height = body_height(data, shape, mean, sigma)
+    level = n[:2] / max(np.linalg.norm(n[:2]), 1e-9)
+    place = p[:2] if top else p[:2] - mean / 2 * level
+    yaw = 0.0 if top else np.arctan2(n[1], n[0])
+    return np.array([mean, mean, height]), np.r_[place, yaw]
+
+
+def places_of(a, b, contact, rng) -> np.ndarray:
+    """Return poses (3, S) of boxes with sides a, b (S,) that explain one touch.
+
+    contact: point and normal.  It is on the face +x, on an edge beside it, or on top.
+    """
+    p, n = contact
+    count = len(a)
+    if np.linalg.norm(n[:2]) < TOP_TILT:
+        yaw = rng.uniform(0, np.pi / 2, count)
+        u, v = rng.uniform(-0.5, 0.5, (2, count)) * [a, b]
+    else:
+        on_face = rng.random(count) < ON_FACE
+        turn = np.where(
+            on_face, YAW * rng.normal(size=count), rng.uniform(*EDGE_TURN, count)
+        )
+        yaw = np.arctan2(n[1], n[0]) + turn
+        along = np.where(on_face, rng.uniform(-0.5, 0.5, count), -0.5)
+        u, v = a / 2, along * b
+    return np.vstack([*rotate_planar(yaw, -u, -v, origin=p), yaw])
+
+
+def body_height(data, shape, otherwise: float, sigma: float) -> float:
+    """Return the height [m]: of the rim if it was touched, else above all touches.
+
+    sigma [rad]: noise of the normals, which alone may look like a rim.
+    """
+    felt = lasting_contacts(data)
+    n_z = data.normal[..., 2]
+    z = data.finger_position[..., 2] - data.finger_radius * n_z
+    rim = z[felt & (n_z > max(RIM_NORMAL, RIM_SIGMAS * sigma))]
+    if rim.size and np.median(np.abs(rim - np.median(rim))) < OPEN_GAP:  # else it tilts
+        return float(np.clip(np.median(rim), *shape.bounds))
+    side = z[felt & (np.abs(n_z) < TOP_TILT)]
+    return (
+        max(otherwise, np.quantile(side, 0.9) + BELOW_TOP) if side.size else otherwise
+    )
+
+
+def surface_states(data, shape, rng):
+    """Return the states and covariances of DRAWN bodies of any shape."""
+    geometry = geometry_of(shape)
+    (t, f), (_, n) = first_onset(data), first_contact(data)
+    centre, radius = data.finger_position[t, f], data.finger_radius[f]
+    theta = _drawn(shape, rng, TRIED * DRAWN)
+    around, top = rng.uniform(0, 2 * np.pi, theta.shape[1]), np.hypot(*n[:2]) < TOP_TILT
+    if top and not shape.rolls:
+        theta = _as_high(geometry, theta, centre[2] - radius)
+        z, met = _under(geometry, theta, around, centre, radius, rng)
+    else:
+        z, met = _beside(geometry, theta, around, centre, radius)
+    _, normal = geometry.contact(z, np.array([0.0, 0.0, centre[2]]), radius)
+    if top:
+        z[-1] = rng.uniform(0, 2 * np.pi, len(around))
+    else:
+        z[-1] = np.arctan2(n[1], n[0]) - np.arctan2(normal[1], normal[0])
+        z[-1] += 0.0 if shape.round else YAW * rng.normal(size=len(around))
+    z[-3:-1] = centre[:2, None] - rotate_planar(z[-1], *-z[-3:-1])
+    if shape.round:
+        z[-1] = 0.0
+    likely = np.exp(-(((normal[2] - n[2]) / SLOPE) ** 2) / 2)
+    weight = np.where(met, likely, 0.0) + np.finfo(float).tiny
+    rows = rng.choice(len(weight), DRAWN, p=weight / weight.sum())
+    P = np.diag(geometry.each(*SIGMA) ** 2)
+    return z[:, rows], np.repeat(P[..., None], DRAWN, axis=2)
+
+
+def _drawn(shape, rng, count: int) -> np.ndarray:
+    """Return theta (n, count), drawn about the mean of the prior."""
+    mean, deviation = (
+        np.broadcast_to(v, shape.theta)[:, None] for v in shape.size_prior
+    )
+    low, high = (np.broadcast_to(v, shape.theta)[:, None] for v in shape.bounds)
+    theta = mean + SHARE * deviation * rng.normal(size=(shape.theta, count))
+    low, high = np.maximum(low, SMALLEST * mean), np.minimum(high, LARGEST * mean)
+    return np.clip(theta, low, high)
+
+
+def _as_high(geometry, theta, height: float):
+    """Return theta (n, S), its entries that make a body high such that it is `height`.
+
+    Heights are taken to be proportional to these entries.
+    """
+    still = np.zeros((3, theta.shape[1]))
+    now, out = geometry.height(np.vstack([theta, still])), theta.copy()
+    for i, row in enumerate(theta):
+        more = theta.copy()
+        more[i] = 1.01 * row
+        if np.abs(geometry.height(np.vstack([more, still])) - now).max() > 0:
+            out[i] *= height / now
+    return out
+
+
+def _under(geometry, theta, around, centre, radius, rng):
+    """Return states with yaw 0 whose top the finger touches, as of `_beside`."""
+    way = geometry.reach(np.vstack([theta, np.zeros((3, theta.shape[1]))]))
+    way = way * np.sqrt(rng.random(theta.shape[1]))  # evenly over a disc
+    z = np.vstack([theta, -way * np.cos(around), -way * np.sin(around), 0 * around])
+    gap, n = geometry.contact(z, np.array([0.0, 0.0, centre[2]]), radius)
+    return z, (np.abs(gap) < SAME_HEIGHT) & (n[2] > 1 - SLOPE)
+
+
+def _beside(geometry, theta, around, centre, radius):
+    """Return states (n + 3, count) with yaw 0 that the finger touches, and which do.
+
+    Their place is relative to the finger's centre, of which the height counts.
+    """
+    ahead = np.stack([np.cos(around), np.sin(around)])
+    point = np.array([0.0, 0.0, centre[2]])
+    top = 2 * np.linalg.norm(np.abs(theta).max(axis=1)) + radius
+    low, high = np.zeros(theta.shape[1]), np.full(theta.shape[1], top)
+
+    def state(way):
+        return np.vstack([theta, -way * ahead, np.zeros_like(way)])
+
+    met = geometry.contact(state(low), point, radius)[0] < 0
+    met &= geometry.contact(state(high), point, radius)[0] > 0
+    for _ in range(SIZE_HALVINGS):
+        middle = (low + high) / 2
+        inside = geometry.contact(state(middle), point, radius)[0] < 0
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return state(low), met
