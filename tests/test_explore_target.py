@@ -29,9 +29,10 @@ SAME = LEAST | {"actions": 2, "centre": CENTRE, "seed": 1}
 
 def test_what_was_touched_last_is_sought_again():
     data = SimpleNamespace(
-        contact=np.array([[True, False], [False, False]]),
+        action=np.zeros(2, int),
+        contact=np.array([[True, False], [True, False]]),
         valid=np.ones((2, 2), bool),
-        normal=np.array([[[1.0, 0, 0], [0, 0, 0]], [[0, 0, 0], [0, 0, 0]]]),
+        normal=np.array([[[1.0, 0, 0], [0, 0, 0]]] * 2),
         finger_position=np.array([[[0.05, 0.01, 0.03], [9, 9, 9]]] * 2),
         finger_radius=np.array([0.01, 0.01]),
     )
@@ -53,6 +54,24 @@ def test_what_was_touched_last_is_sought_again():
     )
     found = SimpleNamespace(measurements=turned, position=turn.apply(at), scene=leaning)
     assert np.allclose(last_contact(found), turn.apply(expected))
+
+
+def test_a_wrong_boolean_far_from_the_object_is_not_aimed_at(estimate):
+    data = estimate.measurements
+    contact, normal = data.contact.copy(), data.normal.copy()
+    places, last = data.finger_position[:, 0], data.action == data.action[-1]
+    away = np.linalg.norm(places - estimate.position, axis=1)
+    t = np.argmax(np.where(last, away, 0))
+    assert away[t] > 0.06  # [m], farther than the object reaches
+    contact[t, 0], normal[t, 0] = True, [1.0, 0.0, 0.0]
+    wrong = replace(data, contact=contact, normal=normal)
+    noisy = replace(estimate, measurements=wrong)
+    assert why_lost(noisy) == why_lost(estimate) == ""
+    assert last_contact(noisy) == pytest.approx(last_contact(estimate))
+    alone = contact & ~data.contact
+    wrong = replace(wrong, contact=alone, normal=normal * alone[..., None])
+    missed = replace(estimate, measurements=wrong)
+    assert why_lost(missed) == "no contact in the last action"
 
 
 def judged(estimate, verdict):

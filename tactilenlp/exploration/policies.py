@@ -11,6 +11,7 @@ from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.validation import check_one_of, check_types
+from ..data.contact_segments import consecutive_contacts
 from ..data.ground import frame_of
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
@@ -18,6 +19,7 @@ from .action_search import most_informative
 from .action_space import Action, Workspace
 from .optimisers import CrossEntropy
 from .push_model import check_predictable
+from .sweep import lasting_touch
 
 log = logging.getLogger("tactilenlp")
 POLICIES = ("eig", "random", "fisher", "farthest")
@@ -110,7 +112,7 @@ def next_action(estimate, space, past, rng, settings, shapes):
 def why_lost(estimate) -> str:
     """Return in words why the next action should not aim at the estimate, or ""."""
     data = estimate.measurements
-    if not data.contact[data.action == data.action[-1]].any():
+    if not lasting_touch(data.select(data.action[-1:])):
         return "no contact in the last action"
     apart = last_contact(estimate) - estimate.position[-1]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
@@ -123,15 +125,16 @@ def why_lost(estimate) -> str:
 def last_contact(estimate) -> np.ndarray:
     """Return a point (3,) [m] behind the last contact, as high as the body's centroid.
 
-    Without any contact, the centroid.
+    Contacts of one sample may be wrong booleans.  Without any other, the centroid.
     """
     data, centre = estimate.measurements, estimate.position[-1]
-    t, f = np.nonzero(data.contact)
-    if not len(t):
+    begin, finger = np.nonzero(consecutive_contacts(data))
+    if not len(begin):
         return centre
-    n, frame = data.normal[t[-1], f[-1]], frame_of(estimate.scene.ground)
-    depth = data.finger_radius[f[-1]] + DEPTH_BEHIND_CONTACT
-    point = frame.to_ground(data.finger_position[t[-1], f[-1]] - depth * n)
+    t, f = begin[-1] + 1, finger[-1]
+    n, frame = data.normal[t, f], frame_of(estimate.scene.ground)
+    depth = data.finger_radius[f] + DEPTH_BEHIND_CONTACT
+    point = frame.to_ground(data.finger_position[t, f] - depth * n)
     return frame.from_ground(np.r_[point[:2], frame.to_ground(centre)[2]])
 
 
