@@ -85,7 +85,7 @@ def add_cone(nlp, name, impulses, margin=cone_margin):
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def sliding_of(nlp, mu):
+def friction_law_of(nlp, mu):
     """Return the FrictionLaw; nothing rounds the cone where mu is known to be zero."""
     p, slips = nlp.parameters, mu.name in nlp.parameters and mu.value[0] == 0
     rounding = 0.0 if slips else p["cone rounding"]

@@ -139,9 +139,9 @@ def penetration(ground, radius, corner, surface, now):
 
 def sliding(ground, corner, lam, mu, fall, w, before, after):
     """Return the cost of friction that does not dissipate, zero without an impulse."""
-    dt, (_, t_1, t_2) = fall[2], ground.frame()
+    dt, (_, t1, t2) = fall[2], ground.frame()
     v = (after.place(corner) - before.place(corner)) / (2 * dt)
-    v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
+    v_s = ca.vertcat(ca.dot(v, t1), ca.dot(v, t2))
     most = mu * lam[0] + CONE_ROUNDING * w
     lost = contact.sliding_loss(most, lam, v_s, V_EPS)
     return KAPPA * (lost - CONE_ROUNDING * w * V_EPS) * dt / (w * contact.MM)
