@@ -31,13 +31,11 @@ REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
 LEVELS = (
     Level("soft", {"speed rounding": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
     # Without it 4 of 12 recordings end otherwise, 3 of them higher; 1.4 times the CPU.
-    Level(
-        "medium",
-        {"speed rounding": 6e-3, "touch scale": 0.6e-3, "normal scale": 0.1},
-        ipopt={"mu_init": 1e-3, "max_iter": 60},
-    ),
+    Level("medium", {"speed rounding": 6e-3, "touch scale": 0.6e-3,
+                     "normal scale": 0.1},
+          ipopt={"mu_init": 1e-3, "max_iter": 60}),
     Level("sharp", ipopt={"mu_init": 1e-3, "max_iter": 100}),
-)
+)  # fmt: skip
 
 
 def build(nlp, window, scene, shape):

@@ -61,14 +61,10 @@ WEIGHTS = {  # parameters of the problem, each with its unit
 }
 
 LEVELS = (
-    Level(
-        "impulses",
-        {"cone slack": 0.1, "speed rounding": 6e-3},
-        fixed=("theta", "x"),
-        ipopt={"mu_init": 1e-1, "max_iter": 60},
-    ),
+    Level("impulses", {"cone slack": 0.1, "speed rounding": 6e-3},
+          fixed=("theta", "x"), ipopt={"mu_init": 1e-1, "max_iter": 60}),
     Level("joint", ipopt={"mu_init": 1e-2, "max_iter": 500}),
-)
+)  # fmt: skip
 
 
 def build(nlp, window, scene, shape):

@@ -26,18 +26,10 @@ from .size_prior import add_size_prior, declare_sizes
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level(
-        "coarse",
-        {
-            "touch scale": 2e-3,
-            "normal scale": 0.4,
-            "alpha": 500.0,
-            "gap scale": 5e-3,
-            "motion weight": 100.0,
-        },
-    ),
+    Level("coarse", {"touch scale": 2e-3, "normal scale": 0.4, "alpha": 500.0,
+                     "gap scale": 5e-3, "motion weight": 100.0}),
     Level("fine"),
-)
+)  # fmt: skip
 
 TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least motion
 NORMAL = 0.1  # [rad] model error of a normal, likewise
