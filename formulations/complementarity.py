@@ -89,9 +89,9 @@ def build(nlp, window, scene, shape):
 def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
 
-    def imbalance(theta, x, x_1, x_2, dt, w, centre, slack, *contacts):
-        force, moment = law.unbalanced(theta, x, x_1, x_2, dt, w, centre, contacts)
-        off = ca.vertcat(force, moment / ARM) / w
+    def imbalance(step, centre, slack, *contacts):
+        force, moment = law.unbalanced(step, centre, contacts)
+        off = ca.vertcat(force, moment / ARM) / step.w
         return ca.vertcat(slack - off, slack + off)
 
     def compliance(w):  # to one weight in x, y, z, and about each at ARM
@@ -101,8 +101,8 @@ def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         name = f"balance, {count} pushing"
         nlp.report(name + names.GIVES, compliance, w[s])
         nlp.subject_to(
-            name, imbalance, theta, *moves(window, x, s), w[s], centre, slack,
-            *contacts, lower=0,
+            name, imbalance, moves(window, theta, x, w[s], s), centre, slack, *contacts,
+            lower=0,
         )  # fmt: skip
 
 

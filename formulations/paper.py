@@ -134,8 +134,8 @@ def add_dynamics(nlp, window, body, theta, x, lam, lam_g):
     pushes, corners = Impulses(lam, None, None), Impulses(lam_g, None, None)
     for count, s, contacts in groups(window, pushes, corners):
         nlp.minimize(
-            f"dynamics, {count} pushing", body.unpredicted, theta, *moves(window, x, s),
-            deviation, *contacts, role="physics",
+            f"dynamics, {count} pushing", body.unpredicted,
+            moves(window, theta, x, None, s), deviation, *contacts, role="physics",
         )  # fmt: skip
     nlp.minimize(
         "between actions", body.between_actions, theta, x[:, gap.pose],

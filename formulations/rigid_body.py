@@ -52,7 +52,8 @@ class MassProperties:
 class Step(NamedTuple):
     """What a term reads of a time step: the body theta, its pose x, and x_1 before.
 
-    dt [s]; w [N s]: the weight of the body over it.
+    dt [s]; w [N s]: the weight of the body over it; x_2: the pose two samples before,
+    of terms that read a change of momentum.
     """
 
     theta: object
@@ -60,6 +61,7 @@ class Step(NamedTuple):
     x_1: object
     dt: object
     w: object
+    x_2: object = None
 
 
 def steps_of(step, theta, x, w, s):
