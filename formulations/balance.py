@@ -1,10 +1,10 @@
 r"""The balance of impulse and momentum in every time step: x_{t+1} = f(x_t, lam, r_t).
 
     force  = m (v_k - v_{k-1}) + m g dt z - sum_c J_c                         [N s]
-    moment = change of angular momentum   - sum_c (p_c - p_wc) x J_c          [N s m]
+    moment = change of angular momentum   - sum_c (p_c - p_wm) x J_c          [N s m]
     sum_k (|force|^2 + |moment|^2 / ARM^2) / (2 (sigma w)^2)     w = m g dt
 
-over the contacts c of step k, which act with the impulse J_c at the point p_c; p_wc is
+over the contacts of step k, which act with the impulse J_c at the point p_c; p_wm is
 the centre of mass, which need not be the centroid (centre_of_mass.py).  It serves every
 body (centroid, inertia: rigid_body.MassProperties) and planar as well as free motion.
 The changes of momentum are in rigid_body.py.

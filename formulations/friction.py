@@ -2,6 +2,7 @@ r"""Coulomb friction of a contact: its coefficient, its impulses and their cone.
 
 lam_n >= 0,     |lam_t| <= mu lam_n          (apex rounded; recomputed exactly)
 LEAST |lam / w|^2                            least impulse, w = m g dt
+(mu - 0.4)^2 / (2 0.3^2)                     prior, where mu is unknown (FRICTION_MEAN)
 """
 
 from __future__ import annotations

@@ -1,15 +1,18 @@
 r"""The joint problem of eq:vimp for a convex polytope of unknown vertices.
 
-    min  eq:loss, way between actions, priors of v_j       (polytope_quasi_static.py)
-       + priors of delta, c                         (indentation.py, centre_of_mass.py)
-       + balance of every step, g(x_k, lam_k, r_k)              (violation_implicit.py)
-    s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  v_z >= 0
-         vol = sum vol_i,  vol c = sum first_i,  vol S = sum second_i          (`mass`)
-    over v_j, x_k, lam_k, delta, and vol, c, S
+    min  eq:loss, way between actions, priors of v_j, m, r  (polytope_quasi_static.py)
+       + prior of d; where unknown of mu, w_f, c, e_m          (violation_implicit.py)
+       + pushes of soft fingertips, balance of every step,
+         g(x_k, lam_k, r_k), least impulse                     (violation_implicit.py)
+    s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  v_z >= 0,  height of every contact >= 0
+         vol = sum vol_i,  vol centroid = sum first_i,
+         vol Sigma = sum second_i                              (`mass`, polytope.py)
+    over v_j, m, r, x_k, lam_k, d, and vol, centroid, Sigma;
+         where unknown also mu, w_f, c, e_m
 
 It differs from violation_implicit.py in three things:
   vertices   every contact reads the vertices near it, not all
-  mass       the body's centroid c and its second moments S are unknowns of their own,
+  mass       the body's centroid and its second moments Sigma are unknowns of their own,
              tied to the vertices by sums over the hull's triangles (mass known, density
              uniform): an impulse balance then reads nine numbers of the body, not all
              vertices

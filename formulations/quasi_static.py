@@ -5,7 +5,8 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
        + sum_gaps   2 log(1 + way^2 / gap^2)                    (between_actions.py)
        + (3 + n) / 2 log(1 + |(theta - mean) / deviation|^2 / (3 + n))  (size_prior.py)
        + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)        (least motion)
-    over theta, x_k
+       + sum_f      |e_f|^2 / (2 sigma^2)     where unknown      (finger_offset.py)
+    over theta, x_k; where unknown also e_f
 
 Least motion stands for quasi-static dissipation: an object that is pushed moves no more
 than it must.  Where a finger that may push is not seen, way is that to x_{k-1} +
