@@ -71,10 +71,10 @@ def build(nlp, window, scene, shape, prior=add_ball_prior):
     prior(nlp, window, shape, theta)
     indentation.add_prior(nlp, delta)
     pushes = replace(pushes, theta=theta[:, window.near_push])
-    corners = replace(corners, theta=theta[:, window.leg])
+    corners = replace(corners, theta=theta[:, window.corner_vertex])
     body = mass(nlp, window, theta)
     law = Balance(*contacts_of(window, shape), scene.gravity, hull_body)
-    resting = theta[:, window.resting]
+    resting = theta[:, window.rest_vertex]
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     add_physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
 
