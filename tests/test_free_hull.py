@@ -229,7 +229,6 @@ def test_legs_of_a_rigid_body_move_as_its_poses_do(slid):
     bent = np.tile([1.0, -1.0, 1.0, -1.0], steps)[:, None]
     np.testing.assert_allclose(window.rigid_moves(rigid, slopes), rigid, atol=1e-9)
     np.testing.assert_allclose(window.rigid_moves(bent, slopes), 0, atol=1e-9)
-    three = (
-        rigid * (window.corner_vertex != window.legs[0])[:, None]
-    )  # stands on three: all free
+    others = window.corner_vertex != window.legs[0]
+    three = rigid * others[:, None]  # stands on three: all free
     np.testing.assert_allclose(window.rigid_moves(three, slopes), three, atol=1e-9)
