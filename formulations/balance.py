@@ -1,10 +1,10 @@
 r"""The balance of impulse and momentum in every time step: x_{t+1} = f(x_t, lam, r_t).
 
     force  = m (v_k - v_{k-1}) + m g dt z - sum_c J_c                         [N s]
-    moment = change of angular momentum   - sum_c (p_c - p_wc) x J_c          [N s m]
+    moment = change of angular momentum   - sum_c (p_c - p_wm) x J_c          [N s m]
     sum_k (|force|^2 + |moment|^2 / ARM^2) / (2 (sigma w)^2)     w = m g dt
 
-over the contacts c of step k, which act with the impulse J_c at the point p_c; p_wc is
+over the contacts of step k, which act with the impulse J_c at the point p_c; p_wm is
 the centre of mass, which need not be the centroid (centre_of_mass.py).  It serves every
 body (centroid, inertia: rigid_body.MassProperties) and planar as well as free motion.
 The changes of momentum are in rigid_body.py.
@@ -23,7 +23,7 @@ import casadi as ca
 
 from .finger_contact import FingerContact, Push, pushes_of
 from .ground_contact import Corner, GroundContact, corners_of
-from .rigid_body import ARM, G, momentum_change, uniform
+from .rigid_body import ARM, G, momentum_change, steps_of, uniform
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +38,14 @@ class Balance:
     gravity: float
     body: Callable = uniform
 
-    def unbalanced(self, theta, x, x_1, x_2, dt, w, centre, contacts):
+    def unbalanced(self, step, centre, contacts):
         """Return force (3,) [N s] and moment (3,) [N s m], zero where balanced.
 
-        centre (3,) [m]: of mass, from the centroid, body frame.
+        step: rigid_body.Step with x_2; centre (3,) [m]: of mass, from the centroid,
+        body frame.
         """
         shape, motion = self.fingers.shape, self.fingers.motion
+        theta, x, x_1, dt, w, x_2 = step
         mass = w / (G * dt)  # data, so that every mass shares this term's function
         body = self.body(shape, theta)
         body = replace(body, centroid=body.centroid + centre)
@@ -62,10 +64,11 @@ class Balance:
         sides = {Corner: self.ground, Push: self.fingers}
         return [sides[type(c)].contact(theta, x, c) for c in contacts]
 
-    def cost(self, theta, x, x_1, x_2, dt, w, centre, sigma, *contacts):
+    def cost(self, step, centre, sigma, *contacts):
         """Return the cost [nats] of a step; sigma: deviation of a balance [weights]."""
-        force, moment = self.unbalanced(theta, x, x_1, x_2, dt, w, centre, contacts)
-        return (ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2) / (2 * (sigma * w) ** 2)
+        force, moment = self.unbalanced(step, centre, contacts)
+        square = ca.sumsqr(force) + ca.sumsqr(moment) / ARM**2
+        return square / (2 * (sigma * step.w) ** 2)
 
 
 def contacts_of(window, shape):
@@ -83,8 +86,8 @@ def add(nlp, window, balance, theta, x, w, centre, pushes, corners):
     sigma = nlp.parameters["balance sigma"]
     for count, s, contacts in groups(window, pushes, corners):
         nlp.minimize(
-            f"balance, {count} pushing", balance.cost, theta, *moves(window, x, s),
-            w[s], centre, sigma, *contacts, role="physics",
+            f"balance, {count} pushing", balance.cost, moves(window, theta, x, w[s], s),
+            centre, sigma, *contacts, role="physics",
         )  # fmt: skip
 
 
@@ -96,9 +99,7 @@ def groups(window, pushes, corners):
         yield count, group.steps, (*under, *by)
 
 
-def moves(window, x, s):
-    """Return the poses at the end of steps s, one and two samples before, and dt."""
-    step = window.step
-    return (
-        x[:, step.pose[s]], x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s]
-    )  # fmt: skip
+def moves(window, theta, x, w, s):
+    """Return the Step of time steps s, with the pose two samples before; w: weights."""
+    now = steps_of(window.step, theta, x, w, s)
+    return now._replace(x_2=x[:, window.step.before_2[s]])

@@ -1,14 +1,16 @@
 r"""How far a body moves between two actions, while nothing is recorded: a prior.
 
-    fixed     power log(1 + way^2 / gap^2)
-    coasting  CAUCHY log(1 + way^2 / width^2) + NORM_POWER log(width^2 / gap^2)
-              width^2 = gap^2 + (v^2 / (2 mu g))^2,     v = way of the last step / dt
-    way^2     = |p - p_1|^2 + ARM^2 |R - R_1|^2 / 2
+    power log(1 + way^2 / gap^2)                                (`add_fixed_width`)
+
+    CAUCHY log(1 + way^2 / width^2) + NORM_POWER log(width^2 / gap^2)  (`add_coasting`)
+    width^2 = gap^2 + (v^2 / (2 mu g))^2,     v = way of the last step / dt
+
+    way^2   = |p - p_1|^2 + ARM^2 |R - R_1|^2 / 2
 
 The retraction of the fingers mostly moves nothing, and sometimes centimetres: this is a
 Cauchy density in x, y and yaw.  A body that still slides at v when an action ends comes
-to rest v^2 / (2 mu g) further on, so the density is that much wider: `coasting`.  It is
-for pages whose poses tell a speed; poses of least motion follow noisy fingers.
+to rest v^2 / (2 mu g) further on, so that `add_coasting` has a density that much wider.
+It is for pages whose poses tell a speed; poses of least motion follow noisy fingers.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
 r"""eq:loss_const with the physics as hard constraints: relaxed complementarity.
 
-    min  sum_t L_t(theta, x_t), way between actions, priors   as in violation_implicit
+    min  sum_t L_t(theta, x_t), way between actions     as in violation_implicit.py
+       + priors of theta, d; where unknown of mu, e_m   as in violation_implicit.py
        + sum LEAST |lam / w|^2                          least impulse, friction.py
     s.t. |unbalanced impulse, in weights| <= slack      x_{k+1} = f(x, lam, r)
-         phi + depth >= 0,  lam_n >= 0
-         lam_n (phi + depth)           <= eps           complementarity
+         phi + d >= 0,  lam_n >= 0
+         lam_n (phi + d)               <= eps           complementarity
          lam_n v_n                     <= eps           inelasticity
          mu lam_n |v_s| + v_s . lam_t  <= eps           maximum dissipation
          (mu lam_n)^2 - |lam_t|^2      >= -(r w)^2      friction cone, r = APEX_ROUNDING
-    over theta, x_k, lam_k, depth
+    over theta, x_k, lam_k, d; where unknown also mu, e_m
 
 Scholtes' relaxation: eps [weights mm] falls by levels to EPS; the same products are
 penalties in violation_implicit.py.  In planar motion phi = 0 of the ground holds by
@@ -65,13 +66,13 @@ def build(nlp, window, scene, shape):
     fingers, ground = contacts_of(window, shape)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
-    w_f, w_g = w[push.step], w[corner.step]
+    w_push, w_corner = w[push.step], w[corner.step]
     size = w.mean() if len(w) else scene.mass * G
-    lam = impulses(nlp, names.FINGER, w_f, size, size / 10)
-    lam_g = impulses(nlp, names.GROUND, w_g, size, w_g / len(shape.corners))
+    lam = impulses(nlp, names.FINGER, w_push, size, size / 10)
+    lam_g = impulses(nlp, names.GROUND, w_corner, size, w_corner / len(shape.corners))
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
-    pushes, corners = Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
+    pushes, corners = Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
     law = Balance(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
@@ -89,9 +90,9 @@ def build(nlp, window, scene, shape):
 def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
 
-    def imbalance(theta, x, x_1, x_2, dt, w, centre, slack, *contacts):
-        force, moment = law.unbalanced(theta, x, x_1, x_2, dt, w, centre, contacts)
-        off = ca.vertcat(force, moment / ARM) / w
+    def imbalance(step, centre, slack, *contacts):
+        force, moment = law.unbalanced(step, centre, contacts)
+        off = ca.vertcat(force, moment / ARM) / step.w
         return ca.vertcat(slack - off, slack + off)
 
     def compliance(w):  # to one weight in x, y, z, and about each at ARM
@@ -101,8 +102,8 @@ def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         name = f"balance, {count} pushing"
         nlp.report(name + names.GIVES, compliance, w[s])
         nlp.subject_to(
-            name, imbalance, theta, *moves(window, x, s), w[s], centre, slack,
-            *contacts, lower=0,
+            name, imbalance, moves(window, theta, x, w[s], s), centre, slack, *contacts,
+            lower=0,
         )  # fmt: skip
 
 

@@ -1,12 +1,12 @@
 r"""Contact: friction cone, maximum dissipation, complementarity, inelasticity.
 
-An impulse is lam = (lam_n, lam_1, lam_2) [N s] in the frame (normal, t1, t2) of its
+An impulse is lam = (lam_n, lam_t1, lam_t2) [N s] in the frame (normal, t1, t2) of its
 contact.  The paper's list after eq:vimp, in its order, as energies and limits:
 
     complementarity      lam_n max(phi, 0)
     maximum dissipation  D = lam_f sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t
                              - v_eps sqrt(lam_f^2 - |lam_t|^2),   lam_f = mu lam_n + r w
-    non-penetration      min(0, phi)^2
+    non-penetration      min(0, phi)^2                     (paper_contact.py alone)
     inelasticity         lam_n max(v_n, 0)
     friction cone        mu lam_n + r w - sqrt(|lam_t|^2 + (r w)^2) >= 0
 
@@ -65,9 +65,9 @@ class FrictionLaw(NamedTuple):
 
 def tangents(n, t):
     """Return two unit tangents of the plane normal to n; t (3,) picks the first."""
-    t_1 = t - n * ca.dot(n, t)
-    t_1 = t_1 / ca.sqrt(ca.sumsqr(t_1) + 1e-9)
-    return t_1, ca.cross(n, t_1)
+    t1 = t - n * ca.dot(n, t)
+    t1 = t1 / ca.sqrt(ca.sumsqr(t1) + 1e-9)
+    return t1, ca.cross(n, t1)
 
 
 def impulse(lam, n, tangents):

@@ -1,9 +1,9 @@
 r"""Where to touch next: the paper's action space, and expected information (eq:eig).
 
 Action space.  Each finger comes along a straight line from a fixed radius towards the
-body's centroid c, with right ascension a about +Z and declination b towards +Z:
+body's centroid r_c, with right ascension a about +Z and declination b towards +Z:
 
-    r(t) = c + l(t) (cos b cos(h + a), cos b sin(h + a), sin b)    (`line`, `direction`)
+    r(t) = r_c + l(t) (cos b cos(h + a), cos b sin(h + a), sin b)  (`line`, `direction`)
 
 h = 0 for the finger of the +X side, pi for that of -X (h = 2 pi f / F for F fingers),
 l(t) falls from the radius to an end before the centroid with least jerk.  A finger

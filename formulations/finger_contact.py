@@ -1,8 +1,8 @@
 r"""What the fingers do to the body: the finger part of g(x_t, lam, r_t) of eq:vimp.
 
-An impulse lam = (lam_n, lam_1, lam_2) acts along (-n, t1, t2) at the point where finger
-and body touch, during the step that ends at its sample.  With D of contact.py, the
-energy that friction fails to dissipate there, in nats,
+An impulse lam = (lam_n, lam_t1, lam_t2) acts along (-n, t1, t2) at the point where
+finger and body touch, during the step that ends at its sample.  With D of contact.py,
+the energy that friction fails to dissipate there, in nats,
 
     felt      kappa D dt / (w mm)
     unfelt    kappa lam_n max(phi, 0) / (w mm) + UNFELT lam_n / w
@@ -28,7 +28,7 @@ import casadi as ca
 
 from . import contact, indentation, sensing
 from .contact import MM
-from .friction import sliding_of
+from .friction import friction_law_of
 from .names import FINGER_IMPULSE, TOUCH_SCALE
 from .rigid_body import steps_of
 
@@ -91,17 +91,17 @@ class FingerContact:
     def velocity(self, step, push):
         """Return v_n, v_s (2,) [m/s] of finger and body; v_n > 0 parts them."""
         at = self.contact(step.theta, step.x, push)
-        p_w, n, (t_1, t_2) = at.point, -at.normal, at.tangents
+        p_w, n, (t1, t2) = at.point, -at.normal, at.tangents
         p, R = self.motion.pose(self.shape, step.theta, step.x)
         p_1, R_1 = self.motion.pose(self.shape, step.theta, step.x_1)
         body_before = p_1 + R_1 @ (R.T @ (p_w - p))
         v = (self.finger.before(p_w, push.p_wf, push.p_wf_1) - body_before) / step.dt
-        return -ca.dot(v, n), ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
+        return -ca.dot(v, n), ca.vertcat(ca.dot(v, t1), ca.dot(v, t2))
 
-    def dissipation(self, step, push, sliding):
+    def dissipation(self, step, push, law):
         """Return the cost of friction that does not dissipate."""
         _, v_s = self.velocity(step, push)
-        return sliding.cost(push.lam, v_s, step.dt, step.w)
+        return law.cost(push.lam, v_s, step.dt, step.w)
 
     def unfelt_impulse(self, theta, x, push, w, kappa):
         """Return the cost of the impulse of a finger that feels nothing."""
@@ -148,7 +148,7 @@ def add(nlp, window, fingers, theta, x, pushes):
     now = steps_of(step, pushes.part(theta, felt), x, w[felt], push.step[felt])
     nlp.minimize(
         "finger dissipation", fingers.dissipation, now,
-        pushing(push.pick(felt), lam[:, felt]), sliding_of(nlp, pushes.mu),
+        pushing(push.pick(felt), lam[:, felt]), friction_law_of(nlp, pushes.mu),
         role="physics",
     )  # fmt: skip
     f, kappa = push.pick(silent), nlp.parameters["kappa"]

@@ -2,6 +2,7 @@ r"""Coulomb friction of a contact: its coefficient, its impulses and their cone.
 
 lam_n >= 0,     |lam_t| <= mu lam_n          (apex rounded; recomputed exactly)
 LEAST |lam / w|^2                            least impulse, w = m g dt
+(mu - 0.4)^2 / (2 0.3^2)                     prior, where mu is unknown (FRICTION_MEAN)
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def add_cone(nlp, name, impulses, margin=cone_margin):
     nlp.minimize(f"least {name} impulse", least, lam, w, role="regulariser")
 
 
-def sliding_of(nlp, mu):
+def friction_law_of(nlp, mu):
     """Return the FrictionLaw; nothing rounds the cone where mu is known to be zero."""
     p, slips = nlp.parameters, mu.name in nlp.parameters and mu.value[0] == 0
     rounding = 0.0 if slips else p["cone rounding"]

@@ -1,6 +1,6 @@
 r"""What the ground does to the body: the ground part of g(x_t, lam, r_t) of eq:vimp.
 
-The ground is z = 0.  An impulse lam = (lam_n, lam_1, lam_2) acts along (z, x, y) at a
+The ground is z = 0.  An impulse lam = (lam_n, lam_t1, lam_t2) acts along (z, x, y) at a
 corner of the body of height z.  In nats, with w = m g dt and D of contact.py, the
 energy that friction fails to dissipate there,
 
@@ -22,7 +22,7 @@ import casadi as ca
 
 from . import contact
 from .contact import MM
-from .friction import sliding_of
+from .friction import friction_law_of
 from .names import GROUND_GAP, GROUND_IMPULSE
 from .rigid_body import steps_of
 
@@ -88,10 +88,10 @@ class GroundContact:
         p_1, R_1 = self.motion.pose(self.shape, step.theta, step.x_1)
         return p_1 + R_1 @ self.low(step.theta, R_wo, signs)
 
-    def dissipation(self, step, corner, sliding):
+    def dissipation(self, step, corner, law):
         """Return the cost of friction that does not dissipate."""
         _, v_s = self.velocity(step, corner)
-        return sliding.cost(corner.lam, v_s, step.dt, step.w)
+        return law.cost(corner.lam, v_s, step.dt, step.w)
 
     def complementarity(self, theta, x, corner, w, kappa):
         """Return the cost of an impulse on a corner above the ground."""
@@ -125,7 +125,7 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
         now, at = steps_of(step, of, x, w, corner.step), Corner(None, lam, corner.signs)
         nlp.minimize(
             "ground dissipation", ground.dissipation, now, at,
-            sliding_of(nlp, corners.mu), role="physics",
+            friction_law_of(nlp, corners.mu), role="physics",
         )  # fmt: skip
     first = slice(len(lift))
     of, now = corners.part(theta, first), x[:, step.pose[lift.step]]

@@ -1,12 +1,13 @@
 r"""Shape, friction and ground from motion alone: eq:vimp with every pose given.
 
-    min  sum_k  imbalance(dv_k, dw_k, lam_k)                  momentum of every step
+    min  sum_k  imbalance(dv_k, domega_k, lam_k)              momentum of every step
        + sum_kj lam_n/(lam_n + BITE w) touch(max(phi_kj, 0))  an impulse is at phi = 0
        + sum_kj touch(max(-phi_kj, 0))                        no corner below the ground
        + sum_kj sliding(lam_kj, v_s)                          maximum dissipation, nats
        + sum_kj LEAST |lam_kj / w|^2                          least impulse, friction.py
        + ((y - mean) / deviation)^2 / 2                       priors, y = theta, radius,
                                                               inertia, plane, offset
+       + (mu - 0.4)^2 / (2 0.3^2)                             prior, friction.py
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n
     over corners theta_j, radius, mu, inertia, lam_kj,
          the ground (one plane, and its offset in each toss)

@@ -80,13 +80,13 @@ class StepMotion(NamedTuple):
     """How the body moves in a step: noise (2,): deviations [m/s], [rad/s]; dv [m/s].
 
     R_half, R_half_1: halfway to the next and from the last sample, where the body turns
-    at w and w_1 [rad/s]; R_wo: at the sample.
+    at omega and omega_1 [rad/s]; R_wo: at the sample.
     """
 
     noise: object
     dv: object
-    w: object
-    w_1: object
+    omega: object
+    omega_1: object
     R_half: object
     R_half_1: object
     R_wo: object
@@ -104,7 +104,7 @@ def imbalance(ground, inertia, fall, uniform, step, *touches):
     R, R_1, R_0 = (ca.reshape(r, 3, 3) for r in halves)
     body = ca.diag(uniform * inertia)
     linear = step.dv + ca.vertcat(0, 0, g * dt)
-    angular = R @ body @ R.T @ step.w - R_1 @ body @ R_1.T @ step.w_1
+    angular = R @ body @ R.T @ step.omega - R_1 @ body @ R_1.T @ step.omega_1
     for lam, corner in touches:
         impulse = ground.in_world(lam) / m
         linear -= impulse
@@ -139,9 +139,9 @@ def penetration(ground, radius, corner, surface, now):
 
 def sliding(ground, corner, lam, mu, fall, w, before, after):
     """Return the cost of friction that does not dissipate, zero without an impulse."""
-    dt, (_, t_1, t_2) = fall[2], ground.frame()
+    dt, (_, t1, t2) = fall[2], ground.frame()
     v = (after.place(corner) - before.place(corner)) / (2 * dt)
-    v_s = ca.vertcat(ca.dot(v, t_1), ca.dot(v, t_2))
+    v_s = ca.vertcat(ca.dot(v, t1), ca.dot(v, t2))
     most = mu * lam[0] + CONE_ROUNDING * w
     lost = contact.sliding_loss(most, lam, v_s, V_EPS)
     return KAPPA * (lost - CONE_ROUNDING * w * V_EPS) * dt / (w * contact.MM)

@@ -1,8 +1,9 @@
 r"""eq:loss_const by multiple shooting: every pose an unknown, every step a constraint.
 
-    min  sum_t L_t(theta, x_t), way between actions, priors   as in violation_implicit
-    s.t. x_{t+1} = f_theta(x_t, x_{t-1}, r_t)        time_stepping.py
-    over theta, x_t, depth
+    min  sum_t L_t(theta, x_t), way between actions     as in violation_implicit.py
+       + priors of theta, d; where unknown of mu        as in violation_implicit.py
+    s.t. x_{t+1} = f_theta(x_t, x_{t-1}, r_t)           time_stepping.py
+    over theta, x_t, d; where unknown also mu
 
 Contact is what f computes: a finger also pushes where it felt nothing.  So no sample
 may be left out, and no poses may be merged (REDUCTIONS).  The noise of finger positions
@@ -31,13 +32,11 @@ REDUCTIONS = {"planar": True, "still": False, "far": False, "absent": False}
 LEVELS = (
     Level("soft", {"speed rounding": 20e-3, "touch scale": 2e-3, "normal scale": 0.2}),
     # Without it 4 of 12 recordings end otherwise, 3 of them higher; 1.4 times the CPU.
-    Level(
-        "medium",
-        {"speed rounding": 6e-3, "touch scale": 0.6e-3, "normal scale": 0.1},
-        ipopt={"mu_init": 1e-3, "max_iter": 60},
-    ),
+    Level("medium", {"speed rounding": 6e-3, "touch scale": 0.6e-3,
+                     "normal scale": 0.1},
+          ipopt={"mu_init": 1e-3, "max_iter": 60}),
     Level("sharp", ipopt={"mu_init": 1e-3, "max_iter": 100}),
-)
+)  # fmt: skip
 
 
 def build(nlp, window, scene, shape):

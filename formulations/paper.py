@@ -61,14 +61,10 @@ WEIGHTS = {  # parameters of the problem, each with its unit
 }
 
 LEVELS = (
-    Level(
-        "impulses",
-        {"cone slack": 0.1, "speed rounding": 6e-3},
-        fixed=("theta", "x"),
-        ipopt={"mu_init": 1e-1, "max_iter": 60},
-    ),
+    Level("impulses", {"cone slack": 0.1, "speed rounding": 6e-3},
+          fixed=("theta", "x"), ipopt={"mu_init": 1e-1, "max_iter": 60}),
     Level("joint", ipopt={"mu_init": 1e-2, "max_iter": 500}),
-)
+)  # fmt: skip
 
 
 def build(nlp, window, scene, shape):
@@ -138,8 +134,8 @@ def add_dynamics(nlp, window, body, theta, x, lam, lam_g):
     pushes, corners = Impulses(lam, None, None), Impulses(lam_g, None, None)
     for count, s, contacts in groups(window, pushes, corners):
         nlp.minimize(
-            f"dynamics, {count} pushing", body.unpredicted, theta, *moves(window, x, s),
-            deviation, *contacts, role="physics",
+            f"dynamics, {count} pushing", body.unpredicted,
+            moves(window, theta, x, None, s), deviation, *contacts, role="physics",
         )  # fmt: skip
     nlp.minimize(
         "between actions", body.between_actions, theta, x[:, gap.pose],

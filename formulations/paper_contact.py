@@ -25,9 +25,9 @@ def impulses(nlp, window, scene, shape):
     """Declare the impulses (normal, t1, t2) [N s] of fingers and ground."""
     step, push, corner = window.step, window.push, window.corner
     size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)  # [N s]
-    most, carried = LAM_MAX * size, size / len(shape.corners)
+    most, load = LAM_MAX * size, size / len(shape.corners)
     lam = friction.impulses(nlp, FINGER, push, size, size / 10, most=most)
-    return lam, friction.impulses(nlp, GROUND, corner, size, carried, most=most)
+    return lam, friction.impulses(nlp, GROUND, corner, size, load, most=most)
 
 
 def maximum_dissipation(nlp, name, velocity, now, at):

@@ -11,7 +11,8 @@ Volume, centroid and inertia are sums over the tetrahedra that the hull's triang
 
     vol = a . (b x c) / 6            first = vol s / 4,     s = a + b + c
     second = vol (s s' + a a' + b b' + c c') / 20
-    inertia = trace(S) 1 - S,        S = second / vol - centroid centroid'
+    Sigma = second / vol             C = Sigma - centroid centroid'
+    inertia = trace(C) 1 - C
 """
 
 from __future__ import annotations
@@ -91,8 +92,9 @@ def inertia_about(centroid, second):
     second (6,) [m^2]: second moments per volume about the origin.
     """
     xx, yy, zz, xy, yz, zx = (second[i] for i in range(6))
-    S = ca.blockcat([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]) - centroid @ centroid.T
-    return ca.trace(S) * ca.DM.eye(3) - S
+    Sigma = ca.blockcat([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+    C = Sigma - centroid @ centroid.T
+    return ca.trace(C) * ca.DM.eye(3) - C
 
 
 @cache

@@ -1,10 +1,11 @@
 r"""One more action of a polytope: the earlier ones as a Gaussian prior of its vertices.
 
-    min  eq:loss of the action                                (polytope_quasi_static.py)
+    min  eq:loss of the action, way from the one before       (polytope_quasi_static.py)
        + (v - v_0)' Lambda (v - v_0) / 2                                    (`add_past`)
-       + least motion, or the physics of every step     (polytope_violation_implicit.py)
-    s.t. v_z >= 0
-    over v_j, x_k of the action, and lam_k
+       + least motion                                         (polytope_quasi_static.py)
+         or the other terms of eq:vimp                  (polytope_violation_implicit.py)
+    s.t. v_z >= 0, with eq:vimp all its constraints
+    over v_j, x_k of the action, with eq:vimp also its other unknowns but m, r
 
 v_0 and Lambda are the vertices and the information about them at the last pose before
 the action, which is held.  There are two pages: `build` with least motion,

@@ -1,15 +1,18 @@
 r"""The joint problem of eq:vimp for a convex polytope of unknown vertices.
 
-    min  eq:loss, way between actions, priors of v_j       (polytope_quasi_static.py)
-       + priors of delta, c                         (indentation.py, centre_of_mass.py)
-       + balance of every step, g(x_k, lam_k, r_k)              (violation_implicit.py)
-    s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  v_z >= 0
-         vol = sum vol_i,  vol c = sum first_i,  vol S = sum second_i          (`mass`)
-    over v_j, x_k, lam_k, delta, and vol, c, S
+    min  eq:loss, way between actions, priors of v_j, m, r  (polytope_quasi_static.py)
+       + prior of d; where unknown of mu, w_f, c, e_m          (violation_implicit.py)
+       + pushes of soft fingertips, balance of every step,
+         g(x_k, lam_k, r_k), least impulse                     (violation_implicit.py)
+    s.t. lam_n >= 0,  |lam_t| <= mu lam_n,  v_z >= 0,  height of every contact >= 0
+         vol = sum vol_i,  vol centroid = sum first_i,
+         vol Sigma = sum second_i                              (`mass`, polytope.py)
+    over v_j, m, r, x_k, lam_k, d, and vol, centroid, Sigma;
+         where unknown also mu, w_f, c, e_m
 
 It differs from violation_implicit.py in three things:
   vertices   every contact reads the vertices near it, not all
-  mass       the body's centroid c and its second moments S are unknowns of their own,
+  mass       the body's centroid and its second moments Sigma are unknowns of their own,
              tied to the vertices by sums over the hull's triangles (mass known, density
              uniform): an impulse balance then reads nine numbers of the body, not all
              vertices
@@ -43,20 +46,12 @@ EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level(
-        "loose",
-        {
-            "touch scale": 0.5e-3,
-            "normal scale": 0.05,
-            "kappa": 2.0,
-            "balance sigma": 0.3,
-            "cone rounding": 0.01,
-            "speed rounding": 6e-3,
-        },
-        ipopt={"mu_init": 1e-1, "max_iter": 60},
-    ),
+    Level("loose", {"touch scale": 0.5e-3, "normal scale": 0.05, "kappa": 2.0,
+                    "balance sigma": 0.3, "cone rounding": 0.01,
+                    "speed rounding": 6e-3},
+          ipopt={"mu_init": 1e-1, "max_iter": 60}),
     Level("joint", rebuild=True, ipopt={"mu_init": 1e-2}),
-)
+)  # fmt: skip
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
 
 
@@ -76,10 +71,10 @@ def build(nlp, window, scene, shape, prior=add_ball_prior):
     prior(nlp, window, shape, theta)
     indentation.add_prior(nlp, delta)
     pushes = replace(pushes, theta=theta[:, window.near_push])
-    corners = replace(corners, theta=theta[:, window.leg])
+    corners = replace(corners, theta=theta[:, window.corner_vertex])
     body = mass(nlp, window, theta)
     law = Balance(*contacts_of(window, shape), scene.gravity, hull_body)
-    resting = theta[:, window.resting]
+    resting = theta[:, window.rest_vertex]
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     add_physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
 

@@ -5,7 +5,8 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
        + sum_gaps   2 log(1 + way^2 / gap^2)                    (between_actions.py)
        + (3 + n) / 2 log(1 + |(theta - mean) / deviation|^2 / (3 + n))  (size_prior.py)
        + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)        (least motion)
-    over theta, x_k
+       + sum_f      |e_f|^2 / (2 sigma^2)     where unknown      (finger_offset.py)
+    over theta, x_k; where unknown also e_f
 
 Least motion stands for quasi-static dissipation: an object that is pushed moves no more
 than it must.  Where a finger that may push is not seen, way is that to x_{k-1} +
@@ -26,18 +27,10 @@ from .size_prior import add_size_prior, declare_sizes
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level(
-        "coarse",
-        {
-            "touch scale": 2e-3,
-            "normal scale": 0.4,
-            "alpha": 500.0,
-            "gap scale": 5e-3,
-            "motion weight": 100.0,
-        },
-    ),
+    Level("coarse", {"touch scale": 2e-3, "normal scale": 0.4, "alpha": 500.0,
+                     "gap scale": 5e-3, "motion weight": 100.0}),
     Level("fine"),
-)
+)  # fmt: skip
 
 TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least motion
 NORMAL = 0.1  # [rad] model error of a normal, likewise

@@ -1,8 +1,8 @@
 r"""Pose kinematics of a rigid body, and its change of momentum over one time step.
 
-    v_k = (p_k - p_{k-1}) / dt           w_k = vee log(R_k R_{k-1}') / dt
+    v_k = (p_k - p_{k-1}) / dt           omega_k = vee log(R_k R_{k-1}') / dt
     linear  = v_k - v_{k-1}                                     per unit mass
-    angular = R I R' w_k - R_1 I R_1' w_{k-1}                   about the centroid
+    angular = R I R' omega_k - R_1 I R_1' omega_{k-1}           about the centroid
 
 A motion maps its unknowns x to the pose (p_wo, R_wo).  PLANAR slides flat on the
 ground, x = (x, y, yaw), the height follows from the shape; FREE is a whole rigid
@@ -52,7 +52,8 @@ class MassProperties:
 class Step(NamedTuple):
     """What a term reads of a time step: the body theta, its pose x, and x_1 before.
 
-    dt [s]; w [N s]: the weight of the body over it.
+    dt [s]; w [N s]: the weight of the body over it; x_2: the pose two samples before,
+    of terms that read a change of momentum.
     """
 
     theta: object
@@ -60,6 +61,7 @@ class Step(NamedTuple):
     x_1: object
     dt: object
     w: object
+    x_2: object = None
 
 
 def steps_of(step, theta, x, w, s):

@@ -4,7 +4,7 @@ On rays u from the origin the distance is zero at r(u) (bisection).  For M evenl
 rays, each with the solid angle 4 pi / M, a body that its origin sees has
 
     volume = sum r^3 / 3,   centroid = sum r^4 u / 4 / volume,
-    second moments = sum r^5 u u' / 5 / volume,   inertia = trace(S) I - S,
+    Sigma = sum r^5 u u' / 5 / volume,   inertia = trace(Sigma) I - Sigma,
 
 against which inertia and origin are checked.  From each point of the surface, TIP
 along the normal, the distance must be TIP: a signed distance, not just any function
@@ -198,8 +198,8 @@ def _of_moments(shape, theta, rays, r):
         )  # fmt: skip
     if shape.inertia is None:
         return
-    S = (rays * ca.repmat(r**5, 3, 1)) @ rays.T / 5 / volume
-    uniform = ca.trace(S) * ca.DM.eye(3) - S
+    Sigma = (rays * ca.repmat(r**5, 3, 1)) @ rays.T / 5 / volume
+    uniform = ca.trace(Sigma) * ca.DM.eye(3) - Sigma
     inertia = ca.densify(shape.inertia(theta))
     if inertia.shape != (3, 3):
         yield (

@@ -2,14 +2,17 @@ r"""The joint problem of eq:vimp: shape, every pose and every contact impulse.
 
     min  sum_t L_t(theta, x_t)                     eq:loss (likelihood.py)
        + sum   way between actions                 between_actions.py
-       + priors of theta, delta, c                 size_prior.py, indentation.py,
+       + priors of theta, d                        size_prior.py, indentation.py
+       + priors of mu, e_f, w_f, c, e_m            friction.py, finger_offset.py,
+         (where unknown)                           finger_turn.py, indentation.py,
                                                    centre_of_mass.py
+       + sum   (lam_n / w)^2 / (2 PUSH^2)          soft fingertips (indentation.py)
        + sum_k |x_{k+1} - f(x_k, lam_k, r_k)|^2    balance of every step (balance.py)
        + sum   g(x_k, lam_k, r_k)                  finger_contact.py, ground_contact.py
        + sum   LEAST |lam / w|^2                   least impulse (friction.py)
     s.t. lam_n >= 0,  |lam_t| <= mu lam_n          friction.py
          height of every corner >= 0               ground_contact.py
-    over theta, x_k, lam_k, delta, c
+    over theta, x_k, lam_k, d; where unknown also mu, e_f, w_f, c, e_m
 
 `add_physics` adds what follows the priors.  An impulse is compared with the weight over
 its time step, w = m g dt, and an energy with the work of lifting the object by a
@@ -23,7 +26,7 @@ Departures from the printed equations:
   inelasticity             no term: without it optima gain no energy either
   indentation              felt fingers sit inside the surface, the deeper the harder
                            they push where fingertips are soft: see indentation.py
-  offset, turn             of a finger, of its normals: finger_offset, finger_turn
+  e_f, w_f                 offset of a finger, turn of its normals
   |v_s|, apex of the cone  rounded, or there is no second derivative at rest
   complementarity          of a felt finger is the touch cost; of the ground in planar
                            motion it holds by construction, else lam_n z is an exact
@@ -94,9 +97,9 @@ def build(nlp, window, scene, shape, law=Balance):
     add_coasting(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
     indentation.add_prior(nlp, delta)
-    c = centre_of_mass.declare(nlp, window, scene, shape)
+    centre = centre_of_mass.declare(nlp, window, scene, shape)
     law = law(*contacts_of(window, shape), scene.gravity)
-    add_physics(nlp, window, law, theta, x, w, c, pushes, corners)
+    add_physics(nlp, window, law, theta, x, w, centre, pushes, corners)
 
 
 def impulses_of(nlp, window, scene, shape, share=None):
@@ -111,15 +114,17 @@ def impulses_of(nlp, window, scene, shape, share=None):
     nlp.parameter("balance sigma", BALANCE_SIGMA, "weights")
     nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
     w = scene.mass * G * window.step.dt
-    w_f, w_g = w[window.push.step], w[window.corner.step]
+    w_push, w_corner = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
     share = 1 / max(1, len(shape.corners)) if share is None else share
     slips = window.frictionless
-    lam = impulses(nlp, FINGER, w_f, size, frictionless=slips)
-    lam_g = impulses(nlp, GROUND, w_g, size, w_g * share, frictionless=slips)
+    load = w_corner * share
+    lam = impulses(nlp, FINGER, w_push, size, frictionless=slips)
+    lam_g = impulses(nlp, GROUND, w_corner, size, load, frictionless=slips)
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
-    mu_g = friction(nlp, GROUND_FRICTION, scene.friction_ground if len(w_g) else 0)
-    return w, Impulses(lam, mu, w_f), Impulses(lam_g, mu_g, w_g)
+    known = scene.friction_ground if len(w_corner) else 0
+    mu_g = friction(nlp, GROUND_FRICTION, known)
+    return w, Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
 
 
 def add_physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):

@@ -11,7 +11,7 @@ from formulations.finger_contact import FingerContact, Push
 from formulations.ground_contact import Corner, GroundContact
 from formulations.polytope import polytope, whole_moments
 from formulations.polytope_violation_implicit import hull_body
-from formulations.rigid_body import FREE, PLANAR, G
+from formulations.rigid_body import FREE, PLANAR, G, Step
 from formulations.shape import CUBOID
 
 SIDES, MASS, DT = np.array([0.05, 0.04, 0.03]), 0.4, 1 / 30
@@ -25,7 +25,8 @@ def law(shape, motion=FREE, **body):
 
 
 def unbalanced(law, theta, poses, contacts, centre=0.0):
-    out = law.unbalanced(theta, *poses, DT, W, centre, contacts)
+    x, x_1, x_2 = poses
+    out = law.unbalanced(Step(theta, x, x_1, DT, W, x_2), centre, contacts)
     return [np.asarray(ca.evalf(o)).ravel() for o in out]
 
 

@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 import types
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -91,6 +92,33 @@ def test_links_to_files_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)", text):
         if "://" not in target:
             assert ((ROOT / page).parent / target).exists(), target
+
+
+def test_the_pages_readme_lists_what_pages_read_of_a_window():
+    text = (ROOT / "formulations" / "README.md").read_text(encoding="utf-8")
+    pages = (ROOT / "formulations").glob("*.py")
+    read = {
+        name for page in pages
+        for name in re.findall(r"window\.([a-z]\w*)", page.read_text(encoding="utf-8"))
+    }  # fmt: skip
+    read -= {"with_fingers"}  # a method
+    assert {name for name in read if f"`{name}`" not in text} == set()
+
+
+def test_the_pages_readme_states_the_flags_of_every_class():
+    text = (ROOT / "formulations" / "README.md").read_text(encoding="utf-8")
+    head = "| class | `tracked` | `faced` | `rolls` | start |\n|---|---|---|---|---|\n"
+    table = text.split(head)[1].split("\n\n")[0]
+    faced = replace(tactilenlp.CYLINDER, theta=3, opposite_faces=True, name="own")
+    classes = {
+        "`CUBOID`": tactilenlp.CUBOID, "opposite_faces": faced,
+        "`CYLINDER`": tactilenlp.CYLINDER, "`prism(n)`": tactilenlp.prism(6),
+        "`ELLIPSOID`": tactilenlp.ELLIPSOID, "`polytope(n)`": tactilenlp.polytope(6),
+    }  # fmt: skip
+    for name, shape in classes.items():
+        (row,) = (line for line in table.splitlines() if name in line)
+        said = [cell.strip() == "yes" for cell in row.split("|")[2:5]]
+        assert said == [shape.tracked, shape.faced, shape.rolls], name
 
 
 @pytest.mark.slow

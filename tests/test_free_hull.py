@@ -150,7 +150,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     data, scene, vertices, x = slid
     free = planar_to_free(vertices.ravel(), x, SHAPE)
     _, flat = posed(data, scene, vertices, free, without=("planar", "still"))
-    assert set(flat.leg) == set(flat.legs)
+    assert set(flat.corner_vertex) == set(flat.legs)
     assert flat.weight_share.reshape(len(flat.step), -1).sum(axis=1) == pytest.approx(
         1.0
     )
@@ -161,7 +161,7 @@ def test_a_hull_that_tilts_stands_on_what_is_low_and_bears_nothing_in_the_air(sl
     _, window = posed(data, scene, vertices, tilted, without=("planar", "still"))
     at = window.step.sample[window.corner.step]
     z = (matrices(tilted)[:, 2] @ vertices.T + tilted[2][:, None])[at]
-    low = z[np.arange(len(at)), window.leg]
+    low = z[np.arange(len(at)), window.corner_vertex]
     assert low.reshape(len(window.step), -1).min(axis=1) == pytest.approx(0, abs=1e-9)
     assert (window.weight_share[low > LIFTED] == 0).all()
     assert len(window.grounded) == 0
@@ -229,5 +229,6 @@ def test_legs_of_a_rigid_body_move_as_its_poses_do(slid):
     bent = np.tile([1.0, -1.0, 1.0, -1.0], steps)[:, None]
     np.testing.assert_allclose(window.rigid_moves(rigid, slopes), rigid, atol=1e-9)
     np.testing.assert_allclose(window.rigid_moves(bent, slopes), 0, atol=1e-9)
-    three = rigid * (window.leg != window.legs[0])[:, None]  # stands on three: all free
+    others = window.corner_vertex != window.legs[0]
+    three = rigid * others[:, None]  # stands on three: all free
     np.testing.assert_allclose(window.rigid_moves(three, slopes), three, atol=1e-9)

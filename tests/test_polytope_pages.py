@@ -142,9 +142,9 @@ def test_the_order_of_vertices_and_planes_means_nothing(page, body):
     other.renamed = lambda n: order if n == 8 else np.roll(np.arange(n), 1)
     renamed, window_2, there = posed(page, other)
     if "finger" in values:
-        vertex = np.argsort(order)[window.leg]
+        vertex = np.argsort(order)[window.corner_vertex]
         mine = np.lexsort((vertex, window.corner.step))
-        its = np.lexsort((window_2.leg, window_2.corner.step))
+        its = np.lexsort((window_2.corner_vertex, window_2.corner.step))
         there["ground"] = np.empty_like(values["ground"])
         there["ground"][:, its] = values["ground"][:, mine]
         there["finger"] = values["finger"]

@@ -33,13 +33,14 @@ class PolytopeWindow(Window):
     """A window, where the vertices start and which of them each contact reads.
 
     start (V, 3) [m]; near_touch, near_free, near_push (instances, VERTICES_READ):
-    vertices; legs (n,): those that carry the body where it lies; leg (corners,): of
-    each ground contact, weight_share (corners,): of the weight that it carries at rest;
-    resting (rests,): of each rest; grounded (k,): on the ground at the last pose, the
-    legs in planar motion; floor [m]: no vertex is lower at the last pose; triangles
-    (2 V - 4, 3) of the hull, counterclockwise from outside; body (10,): volume,
-    centroid and second moments; past (V, 3) [m], information (3 V, 3 V): of one action,
-    vertices before it, None of all actions.  The last pose is held.
+    vertices; corner_vertex (corners,), rest_vertex (rests,): that of each ground
+    contact and rest; legs (n,): those that carry the body where it lies; weight_share
+    (corners,): of the weight, that each ground contact carries at rest; grounded (k,):
+    on the ground at the last pose, the legs in planar motion; floor [m]: no vertex is
+    lower at the last pose; triangles (2 V - 4, 3) of the hull, counterclockwise from
+    outside; body (10,): volume, centroid and second moments; past (V, 3) [m],
+    information (3 V, 3 V): of one action, vertices before it, None of all actions.  The
+    last pose is held.
     """
 
     start: np.ndarray
@@ -47,9 +48,9 @@ class PolytopeWindow(Window):
     near_free: np.ndarray
     near_push: np.ndarray
     legs: np.ndarray
-    leg: np.ndarray
+    corner_vertex: np.ndarray
     weight_share: np.ndarray
-    resting: np.ndarray
+    rest_vertex: np.ndarray
     grounded: np.ndarray
     floor: float
     triangles: np.ndarray
@@ -74,7 +75,8 @@ class PolytopeWindow(Window):
             free=self.free.pick(free), near_free=self.near_free[free],
             near_push=self.near_push[push],
             corner=replace(corner, step=corner.step - first),
-            leg=self.leg[stands], weight_share=self.weight_share[stands],
+            corner_vertex=self.corner_vertex[stands],
+            weight_share=self.weight_share[stands],
             past=past.theta.reshape(-1, 3), information=about,
             **self.of_later_steps(samples),
         )  # fmt: skip
@@ -126,7 +128,7 @@ def polytope_window(window, vertices, x, ground, resting) -> PolytopeWindow:
         near_touch=vertices_near(window.touch, vertices, x),
         near_free=vertices_near(window.free, vertices, x),
         near_push=vertices_near(window.push, vertices, x),
-        legs=stand, leg=leg, weight_share=share, resting=rest,
+        legs=stand, corner_vertex=leg, weight_share=share, rest_vertex=rest,
         grounded=stand if ground and is_planar(x) else stand[:0],
         floor=(0.0 if is_planar(x) else -x[2, -1]) if ground else -np.inf,
         triangles=triangles, body=hull_moments(vertices, triangles),
