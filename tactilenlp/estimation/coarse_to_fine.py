@@ -99,7 +99,7 @@ def coarse_request(request: Request, rows) -> Request:
     """Return the request for some of the samples, within TIME_SHARE of its limit.
 
     An earlier estimate is no `start`, since its objective is of all samples; its
-    hypotheses are carried on.
+    hypotheses are continued.
     """
     limit, deadline = request.job.options.time_limit, request.job.deadline
     early = deadline.before_end((1 - TIME_SHARE) * limit)

@@ -117,14 +117,14 @@ class ContactFrame:
 
     def into(self, h: Hypothesis) -> Hypothesis:
         """Return a hypothesis of the ground's frame in this one."""
-        return _carried(h, self.pose, np.zeros(3))
+        return _moved(h, self.pose, np.zeros(3))
 
     def out_of(self, h: Hypothesis) -> Hypothesis:
         """Return a hypothesis of this frame in the ground's."""
-        return _carried(h, np.zeros(3), self.pose)
+        return _moved(h, np.zeros(3), self.pose)
 
 
-def _carried(h: Hypothesis, old, new) -> Hypothesis:
+def _moved(h: Hypothesis, old, new) -> Hypothesis:
     """Return a hypothesis moved by the planar motion that maps `old` to `new`."""
     R = planar_matrix(new[2] - old[2])
     offset = None if h.offset is None else R @ h.offset

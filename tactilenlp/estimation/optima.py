@@ -83,7 +83,7 @@ class Optima:
         """The optima that are believed beside the best one."""
         return comparable(self.best, self.solved)
 
-    def carried_on(self, width: int) -> list[Hypothesis]:
+    def to_continue(self, width: int) -> list[Hypothesis]:
         """Return the hypotheses for the next action: the distinct optima."""
         job, solved = self.solved[0].job, self.solved
         if not job.shape.tracked:
@@ -198,7 +198,7 @@ def _search_by_action(request: Request, solved: Job) -> Optima | None:
             other = _search_once(rough, Incumbents(kept))
             doubtful = other.rank < optima.rank
             optima = other if doubtful else optima
-        kept, solved = optima.carried_on(request.widths[0]), optima.best.job
+        kept, solved = optima.to_continue(request.widths[0]), optima.best.job
     return optima
 
 

@@ -228,9 +228,9 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
             rows = window.push.finger == i
             out[f"finger {i}"] = by_sample(pushed[rows], window.push.sample[rows], T)
     if GROUND_IMPULSE in problem.reports:
-        carried = problem.value(GROUND_IMPULSE, x, values) @ turn
+        on_corners = problem.value(GROUND_IMPULSE, x, values) @ turn
         rows = window.step.sample[window.corner.step]
-        out["ground"] = by_sample(carried, rows, T)
+        out["ground"] = by_sample(on_corners, rows, T)
     elif "impulse" in problem.reports:  # of all contacts: what fingers leave over
         whole = problem.value("impulse", x, values) @ turn
         out["ground"] = by_sample(whole, window.step.sample, T)

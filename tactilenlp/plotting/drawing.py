@@ -56,7 +56,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
         true = outline(true_corners(truth, sample))
         axis.plot(*true.T, "--", color=TRUTH_COLOUR, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
-    contacts = carried_contacts(estimate, sample)
+    contacts = contacts_on_body(estimate, sample)
     for finger, (colour, points, normals, now) in enumerate(contacts):
         centres = estimate.seen_positions[:, finger] * MM_PER_M
         axis.plot(*centres[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
@@ -87,7 +87,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
     if truth is not None:
         true = faces_of_hull(true_corners(truth, sample))
         draw_seen(axis, true, "none", TRUTH_COLOUR, 6, ls="--", label="truth")
-    contacts = carried_contacts(estimate, sample)
+    contacts = contacts_on_body(estimate, sample)
     for finger, (colour, points, normals, _) in enumerate(contacts):
         seen = normals @ EYE > 0
         axis.quiver(*points[seen].T, *normals[seen].T, length=NORMAL_LENGTH,
@@ -181,7 +181,7 @@ def true_corners(truth, sample) -> np.ndarray:
     return MM_PER_M * (rotation_of(quaternion[now]).apply(corners) + p_wo[now])
 
 
-def carried_contacts(estimate, sample):
+def contacts_on_body(estimate, sample):
     """Yield the contacts of each finger, moved with the object to a sample.
 
     The finger's colour, points (n, 3) [mm], normals (n, 3), world frame, and whether

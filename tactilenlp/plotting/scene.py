@@ -19,7 +19,7 @@ from ..geometry.faces import face_sigma
 from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
 from .drawing import (
-    carried_contacts,
+    contacts_on_body,
     draw_scene,
     draw_seen,
     draw_top,
@@ -81,7 +81,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
             at = centre + LABEL_DISTANCE * face.normal
             axis.plot(*np.stack([centre, at], axis=1), color=INK, lw=0.6, zorder=8.5)
             axis.text(*at, words, zorder=9, **LABEL_STYLE)
-    for colour, seen, _, _ in carried_contacts(estimate, -1):
+    for colour, seen, _, _ in contacts_on_body(estimate, -1):
         axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)
     scale = np.geomspace(UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, 64)
     bar = plt.cm.ScalarMappable(
