@@ -106,15 +106,30 @@ OF_PAGES = {  # what every page, or every error of the fingers, states for itsel
 }
 
 
-def test_the_name_of_a_constant_means_one_thing():
+def constants_of(line, in_pairs=True):
+    """Yield name and value of the constants that a line of a module defines.
+
+    in_pairs: also of those that it defines together, as A, B = 1, 2.
+    """
+    for target in line.targets if isinstance(line, ast.Assign) else ():
+        both = isinstance(target, ast.Tuple) and isinstance(line.value, ast.Tuple)
+        pairs = zip(target.elts, line.value.elts, strict=True) if both else ()
+        for name, value in pairs if both and in_pairs else [(target, line.value)]:
+            if isinstance(name, ast.Name) and name.id.isupper():
+                yield name.id, ast.unparse(value)
+
+
+def several_values(paths, in_pairs):
+    """Return the names of constants that have several values in some modules."""
     values = {}
-    packages = (ROOT / "tactilenlp").rglob("*.py"), (ROOT / "formulations").glob("*.py")
-    for path in chain(*packages):
-        for line in parsed(path).body:
-            if isinstance(line, ast.Assign):
-                names = [t.id for t in line.targets if isinstance(t, ast.Name)]
-                for name in names:
-                    if name.isupper():
-                        values.setdefault(name, set()).add(ast.unparse(line.value))
-    several = {name for name, found in values.items() if len(found) > 1}
-    assert several <= OF_PAGES
+    for line in chain.from_iterable(parsed(path).body for path in paths):
+        for name, value in constants_of(line, in_pairs):
+            values.setdefault(name, set()).add(value)
+    return {name for name, found in values.items() if len(found) > 1}
+
+
+def test_the_name_of_a_constant_means_one_thing():
+    machine = [*(ROOT / "tactilenlp").rglob("*.py")]
+    pages = [*(ROOT / "formulations").glob("*.py")]
+    assert several_values([*machine, *pages], in_pairs=False) <= OF_PAGES
+    assert several_values(machine, in_pairs=True) == set()

@@ -279,12 +279,12 @@ class Estimate:
         )
 
 
-SOLVED = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annotations__)
+OF_SOLVE = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annotations__)
 
 
 def solution_of(estimate: Estimate, page) -> Solution:
     """Return the solution of a page that an estimate was read from."""
-    solved = {name: getattr(estimate, name) for name in SOLVED}
+    solved = {name: getattr(estimate, name) for name in OF_SOLVE}
     return Solution(
         values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **solved
     )

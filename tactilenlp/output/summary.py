@@ -10,9 +10,9 @@ from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import LATE_NORMALS, RADIUS_OF, ROUNDED_EDGES
 from formulations.rigid_body import G
 
+from ..common.brief import MM_PER_M, MS_PER_S
 from ..solvers.solution import violation_in_words
 
-MM_PER_M, MS_PER_S = 1e3, 1e3  # [mm/m], [ms/s]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits

@@ -10,14 +10,14 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from ..common.brief import MM_PER_M
 from ..errors import OptionError
 from ..evaluation.metrics import TrueBody
 from ..geometry.transforms import rotation_of
-from .faces import faces_of, faces_of_hull
+from .faces import faces_at, faces_of_hull
 from .style import (
     BAND_COLOUR,
     INK,
-    MM_PER_M,
     TOUCHED_COLOUR,
     TRUTH_COLOUR,
     UNTOUCHED_COLOUR,
@@ -39,7 +39,7 @@ POSITION_LABEL = "±1σ of the position"
 
 def draw_top(axis, estimate, sample, truth, view) -> None:
     """Draw a sample from above into an axis that shows the box `view` (2, 3) [mm]."""
-    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    data, (faces, spread) = estimate.measurements, faces_at(estimate, sample)
     for face in (face for face in faces if face.normal[2] > -1e-6):
         colour, upright = _face_colour(face), face.normal[2] < 0.5
         axis.fill(*face.corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + upright,
@@ -75,7 +75,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
 
 def draw_scene(axis, estimate, sample, truth, view) -> None:
     """Draw a sample in 3-D into an axis that shows the box `view` (2, 3) [mm]."""
-    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    data, (faces, spread) = estimate.measurements, faces_at(estimate, sample)
     set_up(axis, estimate, view)
     for face in (face for face in faces if face.normal @ EYE > 0):
         colour = _face_colour(face)

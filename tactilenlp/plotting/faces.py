@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import HalfspaceIntersection
 
+from ..common.brief import MM_PER_M
 from ..geometry.faces import FACE_COSINE, face_sigma, polygons
 from ..geometry.transforms import rotation_of
 from ..information.measurement_noise import KNOWN_FACE
-from .style import MM_PER_M
 
 MAX_DRAWN_SIGMA = 26e-3  # [m] of an unobserved face: the band stays within the margins
 MIN_DISTANCE_SHARE = 0.02  # [-] least distance of a drawn face over that estimated
@@ -30,7 +30,7 @@ def faces_of_hull(points) -> list[Face]:
     return [Face(points[corners], normal) for corners, normal in polygons(points)]
 
 
-def faces_of(estimate, sample: int):
+def faces_at(estimate, sample: int):
     """Return the faces at a sample, and the corners (n, 3) [mm] one sigma out and in.
 
     The faces of a cuboid move by their standard deviation at the last sample, and by

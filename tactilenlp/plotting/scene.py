@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
+from ..common.brief import MM_PER_M
 from ..geometry.faces import face_sigma
 from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
@@ -28,8 +29,8 @@ from .drawing import (
     view_of,
     visible_area,
 )
-from .faces import faces_of
-from .style import INK, MM_PER_M, below, check_axes, one_axis, picture, with_key
+from .faces import faces_at
+from .style import INK, below, check_axes, one_axis, picture, with_key
 
 LABEL_STYLE = {
     "ha": "center", "va": "center", "fontsize": 7,
@@ -71,7 +72,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     """
     axis = one_axis(axis, 4.6, 3.6, projection="3d")
     set_up(axis, estimate, view_of(estimate, [-1]))
-    faces, _ = faces_of(estimate, -1)
+    faces, _ = faces_at(estimate, -1)
     for face, sigma in zip(faces, face_sigma(estimate), strict=True):
         colour = information_colour(sigma) / 255
         draw_seen(axis, [face], [colour], INK, 4, shade=False)

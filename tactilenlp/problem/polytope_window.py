@@ -13,6 +13,7 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
 from formulations.likelihood import steepness
+from formulations.pushed_hull import LIFTED
 
 from ..geometry.convex_hull import fingers_in_body, nearest_points, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
@@ -21,7 +22,6 @@ from .reductions import reduce
 from .window import Corners, Rests, Window
 
 VERTICES_READ = 8  # vertices that a contact depends on
-LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
 EQUAL_WEIGHT, SUM_WEIGHT = 1e-3, 1e3  # weights of equal shares, and of a sum of one
 CLEAR_LENGTHS = 20.0  # [-] in which a free finger's cost falls by a factor of e
 RIGID_SHARE = 1e-3  # [-] of the largest move of legs with a pose: less is no move

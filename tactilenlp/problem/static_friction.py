@@ -20,10 +20,10 @@ from formulations.names import GROUND_FRICTION
 from formulations.rigid_body import ARM, LEAST_ARM
 from formulations.violation_implicit import WORK_COST
 
+from ..common.brief import MM_PER_M
 from ..data.scene import low_friction
 from ..geometry.transforms import is_planar, left_jacobians
 
-MM_PER_M = 1e3  # a page weighs friction in nats per mm
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
 LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it
 MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
@@ -123,4 +123,5 @@ def _static_friction(scene, solution) -> float:
     values = {"kappa": WORK_COST, GROUND_FRICTION: low_friction(scene)}
     values |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(values[k])[0]) for k in ("kappa", GROUND_FRICTION))
+    # A page weighs friction in nats per mm.
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)
