@@ -95,6 +95,13 @@ def test_a_package_has_at_most_twelve_modules_of_at_most_300_lines(package):
         assert len(path.read_text().splitlines()) <= 300, path.name
 
 
+@pytest.mark.parametrize("package", PACKAGES[1:], ids=lambda package: package.name)
+def test_a_package_names_all_its_modules_in_its_docstring(package):
+    words = ast.get_docstring(parsed(package / "__init__.py"))
+    modules = {path.stem for path in package.glob("*.py")} - {"__init__"}
+    assert {name for name in modules if f"`{name}`" not in words} == set()
+
+
 def test_a_page_has_at_most_150_lines():
     """A page is a whole problem: it states `build` and LEVELS."""
     for path in (ROOT / "formulations").glob("*.py"):

@@ -19,8 +19,6 @@ from ..information.tangent_space import (
     tangent_space_of,
     tangent_space_of_hull,
 )
-from ..local.hypothesis import Hypothesis, Job
-from ..local.margins import DECISIVE, NEGLIGIBLE
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
@@ -31,6 +29,8 @@ from ..problem.window import Window
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
+from .hypothesis import Hypothesis, Job
+from .margins import DECISIVE, NEGLIGIBLE
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page

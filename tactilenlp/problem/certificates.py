@@ -1,8 +1,10 @@
-"""Certify after a solve that every reduction was right, and name what to restore.
+"""Certify after a solve that five reductions were right, and name what to restore.
 
 Exact reductions (far, absent, frictionless) must leave the optimum where it is; model
 reductions (still, planar) must not be contradicted by the data.  The unreduced problem,
-written out once at the solution, gives the certificates of far, absent and still.
+written out once at the solution, gives the certificates of far, absent and still.  The
+other three (rigid, central, aligned) are nested models, which refinement/nested_models
+compares with the larger ones: the declined of these are the checks.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Multi-hypothesis tracking of an upright box through what the fingers felt.
+"""Multi-hypothesis tracking of a body with sizes through what the fingers felt.
 
-A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
+A track is a Gaussian of sizes and planar pose.  Each sample predicts all tracks by
 quasi-static pushing, with its slopes in the covariance, and corrects them by gaps and
 normals (iterated extended Kalman filter); the innovations add up to the log evidence
 (filter_steps.py).  Process noise is Student's t (process_noise.py).  After an action
