@@ -42,7 +42,7 @@ from ..refinement.refinement import (
     from_scratch,
     growing,
     less_sure_of_pushes,
-    refined,
+    solve_from_hypotheses,
     update_costs_too_much,
 )
 from ..solvers.solution import check_finite
@@ -246,7 +246,7 @@ def _solve_page(request, starts, incumbents, update, earlier, enough) -> list[So
 
     def from_starts(job, starts, earlier=()) -> list[Solved]:
         """Solve one job, whose solves compete with each other alone."""
-        return refined(job, starts, solves.part(), past, earlier)
+        return solve_from_hypotheses(job, starts, solves.part(), past, earlier)
 
     def solve_larger(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
