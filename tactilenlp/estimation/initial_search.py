@@ -33,7 +33,10 @@ from ..search.proposals_floating import (
 from ..tracking.initial_states import TOP_TILT
 from .interrupted import Incumbents
 
-SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
+SEARCH_END, REFINEMENT_END = (
+    0.5,
+    0.85,
+)  # [-] of the time until the readout: where each ends
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
