@@ -16,7 +16,8 @@ from ..data.joint_offsets import JointZeros
 from ..geometry.transforms import move_poses, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
-from ..local.hypothesis import Hypothesis, Job
+from ..local.hypothesis import Hypothesis
+from ..local.job import Job
 from ..local.local_solve import built_page
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
@@ -33,10 +34,7 @@ from ..search.proposals_floating import (
 from ..tracking.initial_states import TOP_TILT
 from .interrupted import Incumbents
 
-SEARCH_END, REFINEMENT_END = (
-    0.5,
-    0.85,
-)  # [-] of the time until the readout: where each ends
+SEARCH_END, REFINEMENT_END = 0.5, 0.85  # [-] of the time until the readout
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from ..interface.request import Request
 from ..interface.result import Estimate
-from ..local.hypothesis import Hypothesis, Job, distinct, same_body
+from ..local.hypothesis import Hypothesis, distinct, same_body
+from ..local.job import Job
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
 from ..refinement.axis_names import with_named_axes

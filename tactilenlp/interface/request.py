@@ -25,7 +25,8 @@ from ..data.sensor_noise import (
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
-from ..local.hypothesis import FunctionsByPage, Hypothesis, Job
+from ..local.hypothesis import Hypothesis
+from ..local.job import FunctionsByPage, Job
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion

@@ -7,6 +7,7 @@ constant during a solve and built again for the next one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import nnls
@@ -20,6 +21,9 @@ from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
 from .reductions import reduce
 from .window import Corners, Rests, Window
+
+if TYPE_CHECKING:
+    from ..local.job import Job
 
 VERTICES_READ = 8  # vertices that a contact depends on
 EQUAL_WEIGHT, SUM_WEIGHT = 1e-3, 1e3  # weights of equal shares, and of a sum of one
@@ -243,7 +247,7 @@ def with_supports(shape, vertices):
     return replace(shape, theta=vertices.size, counts=(), corners=corners)
 
 
-def window_of(job, guess=None, resting=None) -> Window:
+def window_of(job: Job, guess=None, resting=None) -> Window:
     """Return the window that a page reads.
 
     guess: theta and x, where a page starts.  Of a polytope whose vertices it gives,

@@ -19,7 +19,8 @@ from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..local.hypothesis import Hypothesis, Job
+from ..local.hypothesis import Hypothesis
+from ..local.job import Job
 from ..local.local_solve import continuation, warm_started
 from ..local.solved import (
     ACCEPTABLE,
