@@ -16,7 +16,7 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
 from ..common.brief import MM_PER_M
-from ..geometry.faces import face_sigma
+from ..geometry.faces import face_sigma, is_box
 from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
 from .drawing import (
@@ -107,7 +107,7 @@ def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
     """
     view = view_of(estimate, [0, -1])
     axes = _four_axes(estimate) if axis is None else check_axes(axis, 4)
-    alone = " (band: sizes alone)" if estimate.shape == "cuboid" else ""
+    alone = " (band: sizes alone)" if is_box(estimate) else ""
     words = f"First sample: {{}}{alone}", "Last sample: {}"
     for k, (title, sample) in enumerate(zip(words, (0, -1), strict=True)):
         draw_top(axes[k], estimate, sample, truth, view)
