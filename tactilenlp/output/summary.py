@@ -203,9 +203,8 @@ def doubts_in_words(considered) -> list[str]:
     considered: see Information.  The latency has its own sentence.
     """
     lines, radii = [], []
-    for name, (off, sigma, probability) in considered.items():
-        if probability <= WORTH_TELLING:
-            continue
+    told = [(n, *v) for n, (*v, p) in considered.items() if p > WORTH_TELLING]
+    for name, off, sigma in told:
         size, error = MM_PER_M * abs(off), MM_PER_M * sigma
         if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")
