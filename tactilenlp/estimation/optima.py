@@ -89,11 +89,13 @@ class Optima:
         return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
 
 
-def optima_of(request: Request, incumbents, update: Solved | None = None) -> Optima:
+def optima_of(
+    request: Request, incumbents: Incumbents, update: Solved | None = None
+) -> Optima:
     """Return the optima of the page of a request.
 
-    incumbents: Incumbents, what is left by Ctrl-C, filled; update: a rejected
-    incremental update, which competes.
+    incumbents: what is left by Ctrl-C, filled; update: a rejected incremental update,
+    which competes.
     """
     optima = _search_once(request, incumbents, update)
     if optima.best is None:
@@ -118,13 +120,15 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
     return replace(optima, best=best)
 
 
-def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
+def _search_once(
+    request: Request, incumbents: Incumbents, update: Solved | None = None, earlier=()
+) -> Optima:
     """Return the optima that one search leads to, the best one not certified.
 
-    incumbents, update: as of `optima_of`; of the former hypotheses are continued;
-    earlier: solves of the same job, which compete.  Where sensors are found to be late,
-    which the search took for prompt, the optima are those of a search from scratch with
-    that latency.
+    incumbents: their hypotheses are continued, and replaced by those that are found;
+    update: as of `optima_of`; earlier: solves of the same job, which compete.  Where
+    sensors are found to be late, which the search took for prompt, the optima are those
+    of a search from scratch with that latency.
     """
     few = update_from_few_starts(request, incumbents)
     few = few._replace(solved=[*earlier, *few.solved])
@@ -142,12 +146,12 @@ def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
     return Optima(solved[0] if solved else None, solved, kept, starts)
 
 
-def _search_by_action(request: Request, solved: Job) -> Optima | None:
+def _search_by_action(request: Request, found: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
-    predicted.  solved: the job of a solve of all actions, whose ground and latency it
+    predicted.  found: the job of a solve of all actions, whose ground and latency it
     begins with.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
@@ -159,7 +163,7 @@ def _search_by_action(request: Request, solved: Job) -> Optima | None:
     for job in parts:
         if not _in_time(request):
             return None
-        part = replace(request, job=as_found(job, solved))
+        part = replace(request, job=as_found(job, found))
         optima = _search_once(part, Incumbents(kept))
         if optima.best is None:
             return None
@@ -168,7 +172,7 @@ def _search_by_action(request: Request, solved: Job) -> Optima | None:
             other = _search_once(rough, Incumbents(kept))
             doubtful = other.rank < optima.rank
             optima = other if doubtful else optima
-        kept, solved = optima.to_continue(request.widths[0]), optima.best.job
+        kept, found = optima.to_continue(request.widths[0]), optima.best.job
     return optima
 
 
@@ -186,7 +190,7 @@ def _differs(optimum: Solved, solved) -> bool:
     return optimum.rank < min(s.rank for s in solved) or not any(alike)
 
 
-def _search_that_may_gain(request, best: Solved) -> Request | None:
+def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
     """Return the request of a search from scratch that may find a better optimum.
 
     Where an update costs more than it should, and on a ground that was found to lean:
@@ -205,7 +209,10 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solve_page(request, starts, incumbents, few: FewStarts, update) -> list[Solved]:
+def _solve_page(
+    request: Request, starts, incumbents: Incumbents, few: FewStarts,
+    update: Solved | None,
+) -> list[Solved]:  # fmt: skip
     """Return the page solved from the starts, then of larger models, best first.
 
     incumbents: where solves are added; few: solves from some of the starts, alone where
