@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-MACHINE = sorted((ROOT / "tactilenlp" / "nlp").glob("*.py"))
+NLP, SOLVERS = (sorted((ROOT / "tactilenlp" / room).glob("*.py"))
+                for room in ("nlp", "solvers"))  # fmt: skip
 TACTILE = re.compile(
     r"finger|touch|contact|friction|pose\b|poses|object_|ground|tactile"
 )
@@ -66,9 +67,11 @@ def test_nothing_imports_the_bench(package):
         assert not any(m.split(".")[0] == "hardware" for m in imported(path)), path.name
 
 
-@pytest.mark.parametrize("path", MACHINE, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*NLP, *SOLVERS], ids=lambda path: path.stem)
 def test_the_machine_knows_no_tactile_word(path):
-    own = {f".{module.stem}" for module in MACHINE}
+    room = NLP if path in NLP else SOLVERS
+    own = {f".{module.stem}" for module in room}
+    own |= {f"..nlp.{module.stem}" for module in NLP if room is SOLVERS}
     general = (
         *("brief", "deadline", "interrupt", "library_cache", "named", "validation"),
     )
@@ -92,6 +95,13 @@ def test_a_package_has_at_most_twelve_modules_of_at_most_300_lines(package):
         assert len(path.read_text().splitlines()) <= 300, path.name
 
 
+@pytest.mark.parametrize("package", PACKAGES[1:], ids=lambda package: package.name)
+def test_a_package_names_all_its_modules_in_its_docstring(package):
+    words = ast.get_docstring(parsed(package / "__init__.py"))
+    modules = {path.stem for path in package.glob("*.py")} - {"__init__"}
+    assert {name for name in modules if f"`{name}`" not in words} == set()
+
+
 def test_a_page_has_at_most_150_lines():
     """A page is a whole problem: it states `build` and LEVELS."""
     for path in (ROOT / "formulations").glob("*.py"):
@@ -106,15 +116,30 @@ OF_PAGES = {  # what every page, or every error of the fingers, states for itsel
 }
 
 
-def test_the_name_of_a_constant_means_one_thing():
+def constants_of(line, in_pairs=True):
+    """Yield name and value of the constants that a line of a module defines.
+
+    in_pairs: also of those that it defines together, as A, B = 1, 2.
+    """
+    for target in line.targets if isinstance(line, ast.Assign) else ():
+        both = isinstance(target, ast.Tuple) and isinstance(line.value, ast.Tuple)
+        pairs = zip(target.elts, line.value.elts, strict=True) if both else ()
+        for name, value in pairs if both and in_pairs else [(target, line.value)]:
+            if isinstance(name, ast.Name) and name.id.isupper():
+                yield name.id, ast.unparse(value)
+
+
+def several_values(paths, in_pairs):
+    """Return the names of constants that have several values in some modules."""
     values = {}
-    packages = (ROOT / "tactilenlp").rglob("*.py"), (ROOT / "formulations").glob("*.py")
-    for path in chain(*packages):
-        for line in parsed(path).body:
-            if isinstance(line, ast.Assign):
-                names = [t.id for t in line.targets if isinstance(t, ast.Name)]
-                for name in names:
-                    if name.isupper():
-                        values.setdefault(name, set()).add(ast.unparse(line.value))
-    several = {name for name, found in values.items() if len(found) > 1}
-    assert several <= OF_PAGES
+    for line in chain.from_iterable(parsed(path).body for path in paths):
+        for name, value in constants_of(line, in_pairs):
+            values.setdefault(name, set()).add(value)
+    return {name for name, found in values.items() if len(found) > 1}
+
+
+def test_the_name_of_a_constant_means_one_thing():
+    machine = [*(ROOT / "tactilenlp").rglob("*.py")]
+    pages = [*(ROOT / "formulations").glob("*.py")]
+    assert several_values([*machine, *pages], in_pairs=False) <= OF_PAGES
+    assert several_values(machine, in_pairs=True) == set()

@@ -23,7 +23,7 @@ from tactilenlp import (
 from tactilenlp.errors import SceneError
 from tactilenlp.geometry.faces import polygons
 from tactilenlp.interface.readout import touched_polygons
-from tactilenlp.interface.request import carried_hypotheses, make_job
+from tactilenlp.interface.request import hypotheses_to_continue, make_job
 from tactilenlp.refinement.incremental_polytope import is_one_action_more
 from tactilenlp.search.proposals_floating import (
     in_free_motion,
@@ -95,7 +95,7 @@ def test_its_faces_are_followed_as_it_turns(world, afloat):
 @pytest.mark.slow
 def test_a_way_is_found_on_which_fingers_keep_their_faces(world, afloat):
     data, true = world.measurements, world.truth
-    (h,) = carried_hypotheses(afloat, SHAPE, AFLOAT, data)
+    (h,) = hypotheses_to_continue(afloat, SHAPE, AFLOAT, data)
     still = replace(h, x=np.tile(h.x[:, -1:], data.samples))
     x = with_faces_tracked(still, data).x
     t, f = held(world)
@@ -172,7 +172,7 @@ def test_the_estimate_of_a_floating_hull_survives_the_disk(afloat, tmp_path):
 def test_a_floating_hull_starts_the_next_search_from_where_it_is(world, afloat):
     data = world.measurements
     job = make_job(data, AFLOAT, SHAPE, Options(), 0.0, page)
-    (h,) = carried_hypotheses(afloat, SHAPE, AFLOAT, data)
+    (h,) = hypotheses_to_continue(afloat, SHAPE, AFLOAT, data)
     assert h.x.shape == (6, data.samples)
     here = h.theta.reshape(-1, 3) + h.x[:3, -1]
     assert here == pytest.approx(afloat.vertices + afloat.position[-1], abs=1e-9)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from formulations import polytope_violation_implicit as page
 from formulations.polytope import polytope
+from formulations.pushed_hull import LIFTED
 from formulations.rigid_body import rotation
 from tactilenlp import Options
 from tactilenlp.geometry.tipping import planar_to_free
@@ -22,7 +23,7 @@ from tactilenlp.geometry.transforms import (
 )
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.polytope_window import LIFTED, window_of
+from tactilenlp.problem.polytope_window import window_of
 from tactilenlp.problem.reductions import REDUCTION_NAMES
 
 SHAPE = polytope(8)

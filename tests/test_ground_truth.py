@@ -10,8 +10,16 @@ from trimesh.convex import convex_hull
 from trimesh.creation import box
 from trimesh.transformations import quaternion_matrix
 
-from tactilenlp import Scene, TrueBody, World, explore
-from tactilenlp.errors import OptionError
+from tactilenlp import (
+    CYLINDER,
+    Scene,
+    TrueBody,
+    World,
+    explore,
+    plot_estimate,
+    solve_estimate,
+)
+from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.evaluation.metrics import errors_of
 
 QUARTER = Rotation.from_rotvec([0, 0, np.pi / 2])
@@ -115,3 +123,25 @@ def test_a_world_with_a_truth_of_its_own_kind_is_explored(world_of_a_box):
 @pytest.fixture
 def world_of_a_box():
     return World((0.04, 0.05, 0.045))
+
+
+def test_what_a_body_is_follows_from_its_shape_and_not_from_its_name(
+    recorded, estimate
+):
+    """A cylinder that its user calls "cuboid" has no sides, a box named "brick" has."""
+    data, scene, _ = recorded
+    named = replace(CYLINDER, name="cuboid")
+    how = {"formulation": "quasi_static", "throw": False}
+    can = solve_estimate(data.select(range(2)), scene, shape=named, **how)
+    assert can.shape == "cuboid"
+    assert can.summary().startswith("A cuboid of diameter ")
+    true = Holding(can, sides=np.array([0.04, 0.03, 0.02]))
+    assert errors_of(true, can).keys() == {"surface", "surface_max", "position"}
+    titles = [axis.get_title() for axis in plot_estimate(can).axes]
+    assert not any("sizes alone" in title for title in titles)
+    with pytest.raises(TactileError, match="has side lengths"):
+        _ = can.side_lengths
+    brick = replace(estimate, shape="brick")
+    assert "side_lengths" in errors_of(Holding(brick), brick)
+    assert "sizes alone" in plot_estimate(brick).axes[0].get_title()
+    assert brick.summary().startswith("A brick of ")

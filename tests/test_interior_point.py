@@ -113,7 +113,7 @@ def test_the_condensed_matrix_is_the_whole_one_without_slacks(equal):
     )
     for left_out in ([], [1]):
         fixed[left_out] = True
-        given = first, in_x, in_s, kkt.touched_by(fixed)
+        given = first, in_x, in_s, kkt.entries_of(fixed)
         assert kkt.factorise(kkt.matrix(second, *given))
         step, forces = kkt.solve(np.where(fixed, 0.0, right), of_equal)
         assert not step[fixed].any()
@@ -122,7 +122,7 @@ def test_the_condensed_matrix_is_the_whole_one_without_slacks(equal):
         np.testing.assert_allclose(A @ step, of_equal, atol=1e-13)
     assert not kkt.factorise(kkt.matrix(-9 * second, *given))
     unit = np.eye(4) + loose.T @ loose
-    assert kkt.factorise(kkt.unit(first, kkt.touched_by(np.zeros(4, bool))))
+    assert kkt.factorise(kkt.unit(first, kkt.entries_of(np.zeros(4, bool))))
     step, forces = kkt.solve(right, of_equal)
     np.testing.assert_allclose(unit @ step + A.T @ forces, right, atol=1e-13)
 

@@ -43,13 +43,13 @@ def test_a_compliance_that_rigid_fingertips_leave_may_be_zero(touched):
 
 @pytest.mark.slow
 def test_each_model_begins_with_no_solves_of_another(recorded, monkeypatch):
-    refined, begun = optima.refined, []
+    solve, begun = optima.solve_from_hypotheses, []
 
     def spied(job, kept, solves, *more):
         begun.append((job.reductions.rigid, len(solves.best_first())))
-        return refined(job, kept, solves, *more)
+        return solve(job, kept, solves, *more)
 
-    monkeypatch.setattr(optima, "refined", spied)
+    monkeypatch.setattr(optima, "solve_from_hypotheses", spied)
     data, scene, _ = recorded
     wrong = data.finger_radius + np.array([1e-3, 0.0])  # touches cost 200 nats more
     found = solve_estimate(replace(data, finger_radius=wrong), scene)

@@ -1,4 +1,4 @@
-"""Sensors that are late: found, told, carried on; and where poses are moved on to."""
+"""Sensors that are late: found, told, kept; and where poses are moved on to."""
 
 import time
 from dataclasses import replace

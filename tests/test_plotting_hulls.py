@@ -6,7 +6,7 @@ from programmes import octahedron
 from test_plotting import BAND, MM, PLOTS, labelled
 
 from tactilenlp import solve_estimate
-from tactilenlp.plotting.faces import faces_of
+from tactilenlp.plotting.faces import faces_at
 from tactilenlp.plotting.scene import plot_top
 
 
@@ -26,7 +26,7 @@ def test_a_polytope_is_drawn_as_well(plot, hull):
     ink = np.asarray(figure.canvas.buffer_rgba())[..., :3].min(axis=2) < 250
     assert ink.mean() > 0.005
     for sample in (0, -1):
-        faces, band = faces_of(hull, sample)
+        faces, band = faces_at(hull, sample)
         corners = np.concatenate([*(face.corners for face in faces), *band])
         assert np.isfinite(corners).all()
 

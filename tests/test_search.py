@@ -1,4 +1,4 @@
-"""Multi-hypothesis tracking: hypotheses are found, kept and carried on."""
+"""Multi-hypothesis tracking: hypotheses are found, kept and continued."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -23,7 +23,8 @@ from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
 from tactilenlp.interface.options import Session
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import FunctionsByPage, Hypothesis
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.job import FunctionsByPage
 from tactilenlp.local.local_solve import built_page
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated

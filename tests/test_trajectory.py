@@ -69,8 +69,8 @@ def test_paths_of_other_optima_and_carried_errors_add_up(programme):
 
     def with_other(solution):
         optimum = SimpleNamespace(solution=solution, window=again.window)
-        optima, carried = [(0.25, optimum)], (np.zeros((k, k)), maps)
-        return trajectory_variance(at, none, carried, optima)
+        optima, of_end = [(0.25, optimum)], (np.zeros((k, k)), maps)
+        return trajectory_variance(at, none, of_end, optima)
 
     here = type("Other", (), {"values": values})  # what is left of the best one
     same = with_other(here)

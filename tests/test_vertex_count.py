@@ -13,8 +13,9 @@ from scipy.special import gammaln
 
 import tactilenlp
 from formulations import polytope_violation_implicit
+from formulations.page_contract import contract_of
 from formulations.polytope import COUNTS, polytope
-from tactilenlp import Options, solve_estimate, surface_distance
+from tactilenlp import Options, Scene, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.geometry.convex_hull import with_counts, without_touch
 from tactilenlp.information.mixture import (
@@ -25,6 +26,7 @@ from tactilenlp.information.mixture import (
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.local.local_solve import built_page
+from tactilenlp.local.solved import Solves
 from tactilenlp.nlp.diagnostics import check
 from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
@@ -169,9 +171,9 @@ def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_wo
     fitted_by(monkeypatch, fits.get)
     bodies = likeliest(job_of([16, 6]), ["hull"])
     assert [h.theta.size // 3 for h in bodies] == [6, 16]
-    solved, levels = [], polytope_violation_implicit.LEVELS
-    monkeypatch.setattr(refinement, "levels_of", lambda _: levels)
-    monkeypatch.setattr(refinement, "in_distinct_namings", lambda _, h: h)
+    solved, page = [], polytope_violation_implicit
+    given = {"reductions": Reductions(), "contract": contract_of(page), "page": page}
+    job = SimpleNamespace(shape=polytope(), scene=Scene(), **given)
 
     def multistart(job, hypotheses, *_):
         solved.extend(hypotheses)
@@ -179,7 +181,7 @@ def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_wo
 
     monkeypatch.setattr(refinement, "multistart", multistart)
     with pytest.raises(KeyboardInterrupt):
-        refinement._solve_promising(None, bodies, None, None, ())
+        refinement.solve_from_hypotheses(job, bodies, Solves())
     assert [h.theta.size // 3 for h in solved] == [6, 16]
 
 

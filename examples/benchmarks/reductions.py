@@ -35,7 +35,8 @@ from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import Deadline
 from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.geometry.tipping import planar_to_free
-from tactilenlp.local.hypothesis import FunctionsByPage, Hypothesis, Job
+from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.local.job import FunctionsByPage, Job
 from tactilenlp.local.local_solve import (
     built_page,
     freed_to_tilt,

@@ -10,6 +10,7 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 
 LINES, COLUMNS = 8, 88  # of a printed result
+MM_PER_M, MS_PER_S = 1e3, 1e3  # [mm / m], also [mN s / N s]; [ms / s]
 
 
 def brief(thing) -> str:

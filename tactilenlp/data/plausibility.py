@@ -49,7 +49,7 @@ KINK_REACH, KINK_WINDOW = 14, 10  # samples of a path, and where it may bend
 KINK_FLOOR = 7e-4  # [m] by which paths differ from a cubic with kinks
 # Samples on either side of a kink; [-] of the way before it that a finger goes back
 # which turned round.
-KINK_SPAN, TURNED = 3, 0.1
+KINK_SPAN, KINK_TURN = 3, 0.1
 LEAST_ANGLE = 1e-6  # [-] of two kinks: sin^2 below which they are one
 # Probability of the samples by which a path bends later than its touch is reported: a
 # soft contact or a light body slows the finger only gradually.
@@ -248,7 +248,7 @@ def _kink(record: Record, t: int, f: int) -> float:
     here = at + int(t) - begin
     before = p[here] - p[np.maximum(here - KINK_SPAN, 0)]
     after = p[np.minimum(here + KINK_SPAN, len(p) - 1)] - p[here]
-    on = (before * after).sum(axis=1) >= -TURNED * (before**2).sum(axis=1)
+    on = (before * after).sum(axis=1) >= -KINK_TURN * (before**2).sum(axis=1)
     if not (on * lag).any():
         return 0.0
     pair = np.eye(len(on), dtype=bool) | ~on  # of a touch alone, of it and a turn

@@ -27,14 +27,9 @@ from ..refinement.newton_steps import as_found, with_latency
 from ..refinement.refinement import from_scratch
 from ..search.multistart import multistart
 from ..tracking.tracking import tracked_samples
+from .initial_search import REFINEMENT_END
 from .interrupted import Incumbents
-from .optima import (
-    OTHER_SOLVES,
-    REFINEMENT_END,
-    Optima,
-    certify_best,
-    optima_of,
-)
+from .optima import OTHER_SOLVES, Optima, certify_best, optima_of
 
 TIME_SHARE = 0.6  # [-] of a time limit, of the lower rate: it took 0.5 to 0.8 of all
 SELECTED = (*NUISANCES, "planar", "still")  # reductions selected at the lower rate
@@ -99,7 +94,7 @@ def coarse_request(request: Request, rows) -> Request:
     """Return the request for some of the samples, within TIME_SHARE of its limit.
 
     An earlier estimate is no `start`, since its objective is of all samples; its
-    hypotheses are carried on.
+    hypotheses are continued.
     """
     limit, deadline = request.job.options.time_limit, request.job.deadline
     early = deadline.before_end((1 - TIME_SHARE) * limit)

@@ -16,7 +16,8 @@ from ..data.joint_offsets import JointZeros
 from ..geometry.transforms import move_poses, planar_matrix
 from ..interface.options import Guess
 from ..interface.request import Request, first_guess
-from ..local.hypothesis import Hypothesis, Job
+from ..local.hypothesis import Hypothesis
+from ..local.job import Job
 from ..local.local_solve import built_page
 from ..nlp.term_functions import default_cache
 from ..problem.reductions import Reductions
@@ -33,7 +34,7 @@ from ..search.proposals_floating import (
 from ..tracking.initial_states import TOP_TILT
 from .interrupted import Incumbents
 
-SEARCH_END = 0.5  # [-] of the time until the readout, at which the search ends
+SEARCH_END, REFINEMENT_END = 0.5, 0.85  # [-] of the time until the readout
 AMPLE = 60.0  # [s] with less time the search comes before what the page compiles
 
 
@@ -117,14 +118,14 @@ class ContactFrame:
 
     def into(self, h: Hypothesis) -> Hypothesis:
         """Return a hypothesis of the ground's frame in this one."""
-        return _carried(h, self.pose, np.zeros(3))
+        return _moved(h, self.pose, np.zeros(3))
 
     def out_of(self, h: Hypothesis) -> Hypothesis:
         """Return a hypothesis of this frame in the ground's."""
-        return _carried(h, np.zeros(3), self.pose)
+        return _moved(h, np.zeros(3), self.pose)
 
 
-def _carried(h: Hypothesis, old, new) -> Hypothesis:
+def _moved(h: Hypothesis, old, new) -> Hypothesis:
     """Return a hypothesis moved by the planar motion that maps `old` to `new`."""
     R = planar_matrix(new[2] - old[2])
     offset = None if h.offset is None else R @ h.offset

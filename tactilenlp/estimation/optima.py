@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..interface.result import Estimate
-from ..local.hypothesis import Hypothesis, Job, distinct, same_body
+from ..local.hypothesis import Hypothesis, distinct, same_body
+from ..local.job import Job
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
 from ..refinement.axis_names import with_named_axes
@@ -26,7 +26,7 @@ from ..refinement.certification import (
     solve_other_motions,
     with_profiles,
 )
-from ..refinement.incremental import continues, of_whole_actions, update_by_few_starts
+from ..refinement.incremental import continues
 from ..refinement.incremental_polytope import continue_if_implausible
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
@@ -42,20 +42,16 @@ from ..refinement.refinement import (
     from_scratch,
     growing,
     less_sure_of_pushes,
-    refined,
+    solve_from_hypotheses,
     update_costs_too_much,
 )
 from ..solvers.solution import check_finite
-from .initial_search import (
-    SEARCH_END,
-    initial_hypotheses,
-    reduced_job,
-    search_in_contact_frame,
-)
+from .few_starts import FewStarts, update_from_few_starts
+from .initial_search import REFINEMENT_END, SEARCH_END, initial_hypotheses
 from .interrupted import Incumbents
 
 log = logging.getLogger("tactilenlp")
-REFINEMENT_END, CERTIFICATES_END = 0.85, 1.0  # [-] of the time until the readout
+CERTIFICATES_END = 1.0  # [-] of the time until the readout
 OTHER_SOLVES = "other solves of the page"  # in a status, where time ends them
 
 
@@ -83,7 +79,7 @@ class Optima:
         """The optima that are believed beside the best one."""
         return comparable(self.best, self.solved)
 
-    def carried_on(self, width: int) -> list[Hypothesis]:
+    def to_continue(self, width: int) -> list[Hypothesis]:
         """Return the hypotheses for the next action: the distinct optima."""
         job, solved = self.solved[0].job, self.solved
         if not job.shape.tracked:
@@ -93,11 +89,13 @@ class Optima:
         return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
 
 
-def optima_of(request: Request, incumbents, update: Solved | None = None) -> Optima:
+def optima_of(
+    request: Request, incumbents: Incumbents, update: Solved | None = None
+) -> Optima:
     """Return the optima of the page of a request.
 
-    incumbents: Incumbents, what is left by Ctrl-C, filled; update: a rejected
-    incremental update, which competes.
+    incumbents: what is left by Ctrl-C, filled; update: a rejected incremental update,
+    which competes.
     """
     optima = _search_once(request, incumbents, update)
     if optima.best is None:
@@ -122,21 +120,24 @@ def optima_of(request: Request, incumbents, update: Solved | None = None) -> Opt
     return replace(optima, best=best)
 
 
-def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
+def _search_once(
+    request: Request, incumbents: Incumbents, update: Solved | None = None, earlier=()
+) -> Optima:
     """Return the optima that one search leads to, the best one not certified.
 
-    incumbents: hypotheses to continue; filled, as `optima_of` says; earlier: solves of
-    the same job, which compete.  Where sensors are found to be late, which the search
-    took for prompt, the optima are those of a search from scratch with that latency.
+    incumbents: their hypotheses are continued, and replaced by those that are found;
+    update: as of `optima_of`; earlier: solves of the same job, which compete.  Where
+    sensors are found to be late, which the search took for prompt, the optima are those
+    of a search from scratch with that latency.
     """
-    search, few, enough = _update_by_few(request, incumbents)
-    earlier = [*earlier, *few]
-    if enough:
-        kept = starts = [s.at for s in earlier]
+    few = update_from_few_starts(request, incumbents)
+    few = few._replace(solved=[*earlier, *few.solved])
+    if few.enough:
+        kept = starts = [s.at for s in few.solved]
     else:
-        kept, starts = initial_hypotheses(request, incumbents, search)
+        kept, starts = initial_hypotheses(request, incumbents, few.search)
     incumbents.kept, incumbents.searched = kept, incumbents.spent
-    solved = _solve_page(request, starts, incumbents, update, earlier, enough)
+    solved = _solve_page(request, starts, incumbents, few, update)
     if solved and newly_late(request.job, solved[0].job):
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
@@ -145,39 +146,12 @@ def _search_once(request, incumbents, update=None, earlier=()) -> Optima:
     return Optima(solved[0] if solved else None, solved, kept, starts)
 
 
-def _update_by_few(request, incumbents) -> tuple:
-    """Return a search that was begun, solves from few starts, whether these suffice.
-
-    Where a shape with sizes slid flat and its first actions fit well; noise leaves more
-    optima open than few starts find, and a page without levels from guessed poses needs
-    all of its levels.  Else no search.
-    """
-    job, start = request.job_until(REFINEMENT_END), request.start
-    may_do = job.shape.tracked and job.search.hypothesis is None and incumbents.kept
-    may_do = may_do and job.reductions.planar and job.contract.rough
-    may_do = may_do and precise(job.data, job.precision)
-    if not (may_do and continues(start, job) and of_whole_actions(start, job)):
-        return None, [], False
-    search = search_in_contact_frame(request, reduced_job(request), incumbents)
-    enough, solves = False, incumbents.solves.part()
-    with job.deadline.ending("an update by few starts"):
-        enough = update_by_few_starts(
-            job, start, search.least_motion_optima(), search.best_track, solves
-        )
-    solved = solves.best_first()
-    if solved:
-        more = solved[0].solution.objective - start.objective
-        words = ", no others are needed" if enough else ""
-        log.info("%d starts of an update: %.1f nats more%s", len(solved), more, words)
-    return search, solved, enough
-
-
-def _search_by_action(request: Request, solved: Job) -> Optima | None:
+def _search_by_action(request: Request, found: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
-    predicted.  solved: the job of a solve of all actions, whose ground and latency it
+    predicted.  found: the job of a solve of all actions, whose ground and latency it
     begins with.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
@@ -189,7 +163,7 @@ def _search_by_action(request: Request, solved: Job) -> Optima | None:
     for job in parts:
         if not _in_time(request):
             return None
-        part = replace(request, job=as_found(job, solved))
+        part = replace(request, job=as_found(job, found))
         optima = _search_once(part, Incumbents(kept))
         if optima.best is None:
             return None
@@ -198,7 +172,7 @@ def _search_by_action(request: Request, solved: Job) -> Optima | None:
             other = _search_once(rough, Incumbents(kept))
             doubtful = other.rank < optima.rank
             optima = other if doubtful else optima
-        kept, solved = optima.carried_on(request.widths[0]), optima.best.job
+        kept, found = optima.to_continue(request.widths[0]), optima.best.job
     return optima
 
 
@@ -216,7 +190,7 @@ def _differs(optimum: Solved, solved) -> bool:
     return optimum.rank < min(s.rank for s in solved) or not any(alike)
 
 
-def _search_that_may_gain(request, best: Solved) -> Request | None:
+def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
     """Return the request of a search from scratch that may find a better optimum.
 
     Where an update costs more than it should, and on a ground that was found to lean:
@@ -235,18 +209,22 @@ def _search_that_may_gain(request, best: Solved) -> Request | None:
     return None
 
 
-def _solve_page(request, starts, incumbents, update, earlier, enough) -> list[Solved]:
-    """Return the page solved, best first.
+def _solve_page(
+    request: Request, starts, incumbents: Incumbents, few: FewStarts,
+    update: Solved | None,
+) -> list[Solved]:  # fmt: skip
+    """Return the page solved from the starts, then of larger models, best first.
 
-    earlier: solves from some of the starts, and whether these are enough.  No solves if
-    the time limit came before the first one ended.
+    incumbents: where solves are added; few: solves from some of the starts, alone where
+    they suffice; update: see `optima_of`.  No solves if the time limit came before the
+    first one ended.
     """
-    job, solves = request.job_until(REFINEMENT_END), incumbents.solves.part(earlier)
+    job, solves = request.job_until(REFINEMENT_END), incumbents.solves.part(few.solved)
     past = request.start if continues(request.start, job) else None
 
     def from_starts(job, starts, earlier=()) -> list[Solved]:
         """Solve one job, whose solves compete with each other alone."""
-        return refined(job, starts, solves.part(), past, earlier)
+        return solve_from_hypotheses(job, starts, solves.part(), past, earlier)
 
     def solve_larger(free, first, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
@@ -256,7 +234,7 @@ def _solve_page(request, starts, incumbents, update, earlier, enough) -> list[So
 
     solved = []
     with job.deadline.ending(OTHER_SOLVES):
-        solved = earlier if enough else from_starts(job, starts, earlier)
+        solved = few.solved if few.enough else from_starts(job, starts, few.solved)
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_latency(solved)
         if not newly_late(request.job, solved[0].job):

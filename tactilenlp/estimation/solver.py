@@ -138,7 +138,7 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
         optima = optima_of_dense(request, rows, incumbents)
     if optima.best is None:
         return not_solved(request, optima.starts, incumbents.spent)
-    incumbents.kept = optima.carried_on(request.widths[0])
+    incumbents.kept = optima.to_continue(request.widths[0])
     return _read_estimate(request, optima.best, incumbents, optima.modes), optima.best
 
 

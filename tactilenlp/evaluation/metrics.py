@@ -24,6 +24,7 @@ from ..common.brief import printed
 from ..common.validation import as_floats, check_kind, check_whole, checked_unit
 from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import TactileError
+from ..geometry.faces import is_box
 from ..geometry.transforms import rotation_of
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def errors_of(world, estimate) -> dict[str, float]:
     errors = {"surface": distance.mean, "surface_max": distance.maximum}
     off = np.linalg.norm(estimate.position[-1] - true.position)
     errors["position"] = float(off)
-    if true.side_lengths is not None and estimate.shape == "cuboid":
+    if true.side_lengths is not None and is_box(estimate):
         pose = estimate.position[-1], estimate.quaternion[-1]
         truth = true.side_lengths, true.position, true.quaternion
         apart = cuboid_errors(estimate.side_lengths, *pose, *truth)

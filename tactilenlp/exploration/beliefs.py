@@ -35,7 +35,7 @@ MIN_RELATIVE_WEIGHT = 0.02
 ROUNDED_TO_ZERO = 1e-14  # [-] least eigenvalue of a correlation over its largest
 # Friction shears a rubber pad by up to 0.75 of its indentation where mu is 0.5
 # (Mindlin, 1949): the turn of a felt normal, of indentation over radius; uniform.
-TURNED = 0.75 / 3**0.5  # [-]
+SHEAR_TURN = 0.75 / 3**0.5  # [-]
 INDENTATION_ERROR = 0.5  # [-] of a predicted one: push and compliance are 30 % off each
 
 
@@ -66,7 +66,7 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
     n = shape.theta
     best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
     offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
-    before = prior_information(estimate, shape, fingers)
+    before = prior_matrix(estimate, shape, fingers)
     rest = []
     if not has_free_poses(estimate, shape):  # same end: the better one
         here = Hypothesis(best[:n], best[n:, None], -np.inf, ())
@@ -98,7 +98,7 @@ def has_free_poses(estimate, shape) -> bool:
     )
 
 
-def prior_information(estimate, shape, fingers: int) -> np.ndarray:
+def prior_matrix(estimate, shape, fingers: int) -> np.ndarray:
     """Return the prior information: size prior, wide Gaussian of the pose.
 
     With the prior of the finger offsets, where they are unknown.
@@ -223,7 +223,7 @@ def sensor_model(estimate, touch=TOUCH, normal=NORMAL) -> np.ndarray:
     normal = np.abs((np.stack(push, axis=1) * data.normal).sum(axis=2))
     force = (normal / intervals(data)[:, None])[felt]
     depth = compliance * np.sqrt(np.mean(force**2))
-    shear = TURNED * depth / data.finger_radius.mean()
+    shear = SHEAR_TURN * depth / data.finger_radius.mean()
     off = INDENTATION_ERROR * depth
     return np.array([alpha, np.hypot(sigma, off), np.hypot(sigma_n, shear)])
 

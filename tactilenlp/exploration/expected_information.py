@@ -88,7 +88,7 @@ class ExpectedInformation:
         self._check_fingers(self.workspace)
         self._free = has_free_poses(estimate, self.shape)
         if self.shape.last_pose_held:
-            self._sensors = polytope_beliefs.sensor_model(estimate)
+            self._sensors = polytope_beliefs.hull_sensor_model(estimate)
             self.beliefs = [polytope_beliefs.belief_of(estimate, self.shape)]
         else:
             self._sensors = beliefs.sensor_model(estimate)

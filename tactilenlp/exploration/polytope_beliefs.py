@@ -28,11 +28,11 @@ import numpy as np
 from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
+from formulations.pushed_hull import LIFTED
 
 from ..geometry.convex_hull import hull_vertices, nearest_points
 from ..geometry.transforms import rotation_of
 from ..interface.readout import FACE_TILT
-from ..problem.polytope_window import LIFTED
 from . import beliefs
 from .beliefs import POSE_PRIOR_SIGMA, Belief
 from .push_model import (
@@ -59,13 +59,13 @@ def belief_of(estimate, shape) -> Belief:
     points = fingers_on_body(estimate)
     information = before + information_of_samples(estimate, shape, vertices, points)
     information += flatness_information(
-        vertices, centre[2], contact_points(estimate, vertices, points)
+        vertices, centre[2], contacts_on_hull(estimate, vertices, points)
     )
     information = after_retraction(information, vertices)
     return Belief(vertices.ravel(), information, before, 1.0, -centre[None])
 
 
-def sensor_model(estimate) -> np.ndarray:
+def hull_sensor_model(estimate) -> np.ndarray:
     """Return alpha [1/m], sigma [m] of a gap in contact, sigma_n [rad] of a sample."""
     share = np.sqrt(CORRELATED_SAMPLES)
     return beliefs.sensor_model(estimate, share * FACE_SIGMA, share * FACE_TILT)
@@ -121,7 +121,7 @@ def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
         here = back >= 0  # before the first sample there is no information
         M, P, E = step(
             *now, z, r[at].T, data.finger_radius, data.contact[at].T.astype(float),
-            here * data.valid[at].T, here * Q[at].T, sensor_model(estimate),
+            here * data.valid[at].T, here * Q[at].T, hull_sensor_model(estimate),
         )  # fmt: skip
         now = M[:, -k:], P[:, -3:]
         rows = E.full().reshape(-1, k)
@@ -129,7 +129,7 @@ def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
     return out
 
 
-def contact_points(estimate, vertices, points):
+def contacts_on_hull(estimate, vertices, points):
     """Return contact points [m] and normals, (n, 3) each, about the centroid."""
     data = estimate.measurements
     centre = points[data.contact]
@@ -142,7 +142,7 @@ def contact_points(estimate, vertices, points):
 def flatness_information(vertices, height: float, contacts) -> np.ndarray:
     """Return the information (3 V, 3 V) that touched faces and the ground are planes.
 
-    height: [m], of the centroid above the ground; contacts: of contact_points.
+    height: [m], of the centroid above the ground; contacts: of contacts_on_hull.
     """
     V = len(vertices)
     out = np.zeros((V, 3, V, 3))

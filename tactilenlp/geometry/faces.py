@@ -101,9 +101,9 @@ def _moves_of_corners(estimate) -> np.ndarray:
     """
     maps, vertices = estimate.information.maps, estimate.vertices
     k = maps["position"].shape[1]
-    if "vertices" in maps:
+    if is_hull(estimate):
         corners = maps["vertices"].reshape(-1, 3, k)
-    elif "side_lengths" in maps and len(vertices) == 8:
+    elif is_box(estimate):
         corners = np.sign(vertices)[:, :, None] / 2 * maps["side_lengths"]
     else:
         return np.full((len(vertices), 3, k), np.nan)
@@ -118,6 +118,24 @@ def _deviations(estimate, moves, n) -> np.ndarray:
     J = n @ moves
     variance = ((J @ estimate.information.covariance_matrix) * J).sum(axis=1)
     return np.sqrt(np.where(variance < 0, np.inf, variance))
+
+
+# What kind of body it is, by what its information tells, not by the name of its class:
+
+
+def has_sides(estimate) -> bool:
+    """Tell whether theta are the sides (3,) of a body, of any class."""
+    return "side_lengths" in estimate.information.maps and estimate.theta.shape == (3,)
+
+
+def is_box(estimate) -> bool:
+    """Tell whether a body is a box with its sides as theta."""
+    return has_sides(estimate) and len(estimate.vertices) == 8
+
+
+def is_hull(estimate) -> bool:
+    """Tell whether theta are vertices of a body, whose axes are held at the end."""
+    return "vertices" in estimate.information.maps
 
 
 def touched_faces(data, quaternion) -> np.ndarray:

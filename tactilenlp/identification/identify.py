@@ -32,7 +32,7 @@ DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
 BODY_SHAPES = ("cuboid", "corners")
 SUNK_DEPTH = 3.0  # [SURFACE] below the ground: a vertex left out must come back
 MAX_SOLVES = 3  # with vertices that were wrongly left out restored
-READOUT_SHARE = 0.1  # [-] of the time limit, kept for standard deviations
+SIGMA_SHARE = 0.1  # [-] of the time limit, kept for standard deviations
 STARTS, ASSEMBLY_TIME = "starts", 4.0  # [time of the starts] of derivatives; 3 measured
 COVARIANCE_TIME = 6.0  # [iterations of the solve] that these take; four were measured
 WITH_SIGMA = ("theta", "radius", "friction", "inertia", "plane")
@@ -69,7 +69,7 @@ def identify_body(
     options = DEFAULT_SOLVER if options is None else options
     _check(trajectories, scene, shape, gauge, options, time_limit)
     began, deadline = time.process_time(), Deadline.within(time_limit)
-    solves = deadline.until(deadline.before_end(READOUT_SHARE * time_limit))
+    solves = deadline.until(deadline.before_end(SIGMA_SHARE * time_limit))
     with deadline.spending(STARTS):
         steps, starts, signs, ruler = starts_of(
             trajectories, scene, shape, guess, gauge

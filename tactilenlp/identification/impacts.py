@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from formulations.known_trajectory import SURFACE
+
 from ..problem.window import Rows
 
-SURFACE = 0.5e-3  # [m] depth of a corner below a hard ground: that of the page
 NEAR_GROUND = 10e-3  # [m] a vertex that stays higher over a step does not touch
 CALM_CHANGE = 0.04, 0.3  # [m/s], [rad/s] a lesser change of velocity is no impact
 GLIDE_SPEED = 1.0  # [rad/s] below this and calm, a body rests or glides on a face
@@ -129,7 +130,7 @@ def steps_of(toss, position, rotation, dt: float, gravity: float) -> TossSteps:
         R_half=_columns(Rotation.from_rotvec(way / 2) * rotation[k]),
         R_half_1=_columns(Rotation.from_rotvec(way_1 / 2) * rotation[k - 1]),
         noise=np.hypot(FLIGHT_NOISE, IMPACT_SIGMA * np.stack([fall, turn], axis=1)),
-        resting=resting, calm=calm, depth=np.full(len(k), SURFACE),
+        resting=resting, calm=calm, depth=np.full(len(k), SURFACE),  # of a hard ground
     )  # fmt: skip
 
 

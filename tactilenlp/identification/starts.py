@@ -26,7 +26,7 @@ CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8
 LARGEST_GAUGE = 0.1  # [1] error of a tracker's metre; beyond it, dt or unit is wrong
 SURE = 3.0  # [sigma] from which free falls contradict dt and unit
 FIRST_SAMPLES = 16  # of a toss, which begins in the air
-ALIKE, FAR_OFF = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error
+ALIKE, FAR_FALL = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error
 LEAST_ACCELERATION = 1e-9  # [m/s^2]
 TILTED, FLAT = 5.0, 2.0  # [deg] medians at rest that tell xyzw from wxyz
 PULL = 0.02  # [samples] on each half width
@@ -116,7 +116,7 @@ def _gauge(gauge, steps, vertices, fall) -> tuple[float, float]:
     if abs(ratio - 1) <= LARGEST_GAUGE:
         return ratio, deviation
     few = steps.toss.max() + 1 < MIN_TOSSES  # one may have been held by a hand
-    if abs(g - gravity) < SURE * sigma or (few and abs(np.log(g / gravity)) < FAR_OFF):
+    if abs(g - gravity) < SURE * sigma or (few and abs(np.log(g / gravity)) < FAR_FALL):
         return 1.0, 0.0
     raise _wrong_fall(g, dt, gravity)
 
@@ -137,7 +137,7 @@ def _check_fall(toss, height, dt, gravity) -> None:
     spread = float(np.median(abs(np.array(gravities) - g)))
     if (
         spread < ALIKE * abs(g)
-        and abs(np.log(max(g, LEAST_ACCELERATION) / gravity)) > FAR_OFF
+        and abs(np.log(max(g, LEAST_ACCELERATION) / gravity)) > FAR_FALL
     ):
         raise _wrong_fall(g, dt, gravity)
 

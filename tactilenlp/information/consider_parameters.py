@@ -193,21 +193,21 @@ def late_touches(linearisation: Linearisation) -> Doubt:
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
 
-def told_radius(at, finger: int) -> Doubt:
-    """Return the doubt about the radius that was told of a finger; at: as above.
+def told_radius(linearisation: Linearisation, finger: int) -> Doubt:
+    """Return the doubt about the radius that was told of a finger.
 
     By what is felt alone: points at which impulses act would move by no more than r.
     """
+    kkt, window = linearisation.kkt, linearisation.window
 
     def grown(rows):
         return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
 
-    window = at.window
     larger = replace(window, touch=grown(window.touch), free=grown(window.free))
-    ends = ends_of(at.kkt, at.job.build, larger)
+    ends = ends_of(kkt, linearisation.job.build, larger)
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
-    felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in at.kkt.problem.costs]
-    return _doubt_by(at.kkt, ends, RADIUS_STEP, prior, felt)
+    felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in kkt.problem.costs]
+    return _doubt_by(kkt, ends, RADIUS_STEP, prior, felt)
 
 
 def fingers_earlier(window, data, lag: float):

@@ -171,8 +171,8 @@ def slips(kkt: KKTSystem, window) -> np.ndarray:
     now, before = (x[:, k[push.step]] for k in (steps.pose, steps.before))
     if is_planar(x):
         arm = (push.p_wf_1[:, :2] - before[:2].T).T
-        carried = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
-        slip = push.p_wf[:, :2] - carried.T
+        moved = now[:2] + np.stack(rotate_planar(now[2] - before[2], *arm))
+        slip = push.p_wf[:, :2] - moved.T
     else:
         met = points_in_body(before, slice(None), push.p_wf_1[:, :3])
         met = np.einsum("nij,nj->ni", matrices(now), met)

@@ -8,6 +8,8 @@ covariance_matrix   what `sigma` reports: the error budget (error_budget.py), of
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..geometry.convex_hull import centroid
@@ -25,10 +27,15 @@ from .trajectory import (
     trajectory_variance,
 )
 
+if TYPE_CHECKING:
+    from ..local.solved import Solved
+
 MAX_NAMES = 4  # unknowns that name a direction
 
 
-def information_of(linearisation: Linearisation, solved, faces, others) -> Information:
+def information_of(
+    linearisation: Linearisation, solved: Solved, faces, others
+) -> Information:
     """Return the information about shape and last pose of a search's Solved page.
 
     faces: how many samples touched each, (axes, 2) of a box; others: LocalOptima of the
@@ -55,7 +62,7 @@ def information_of(linearisation: Linearisation, solved, faces, others) -> Infor
     )  # fmt: skip
 
 
-def _of_sizes(response: Response, solved, faces, others) -> tuple:
+def _of_sizes(response: Response, solved: Solved, faces, others) -> tuple:
     """Return fields of the Information about sizes, and the errors (k, k) by name."""
     linearisation, tangent, C = response.linearisation, solved.tangent, response.hessian
     solution, window, shape = solved.solution, solved.window, solved.window.shape
@@ -76,7 +83,7 @@ def _of_sizes(response: Response, solved, faces, others) -> tuple:
     return fields | fields_of_offsets(linearisation, tangent), errors
 
 
-def _of_vertices(response: Response, solved, faces) -> tuple:
+def _of_vertices(response: Response, solved: Solved, faces) -> tuple:
     """Return fields of the Information about vertices, and the errors (k, k) by name.
 
     Some of them a bound holds, by the ground: these vary by LEAST_DEVIATION.

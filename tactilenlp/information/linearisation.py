@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,6 +37,10 @@ from .measurement_noise import (
 )
 from .tangent_space import pose_jacobians
 
+if TYPE_CHECKING:
+    from ..local.job import Job
+    from ..problem.window import Window
+
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 
@@ -48,8 +53,8 @@ class Linearisation:
     """
 
     kkt: KKTSystem
-    job: object
-    window: object
+    job: Job
+    window: Window
 
     @cached_property
     def derivatives(self) -> list[MixedDerivatives]:

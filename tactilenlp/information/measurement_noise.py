@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +36,9 @@ from ..data.sensor_noise import RAYLEIGH_MEDIAN, smoothing_matrices
 from ..errors import PageError
 from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
+
+if TYPE_CHECKING:
+    from ..local.job import Job
 
 DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
 LEAST_DATUM = 1e-2  # [SI]
@@ -58,7 +62,7 @@ class MixedDerivatives:
     number: np.ndarray
 
 
-def mixed_derivatives(kkt: KKTSystem, job, window) -> list[MixedDerivatives]:
+def mixed_derivatives(kkt: KKTSystem, job: Job, window) -> list[MixedDerivatives]:
     """Return the mixed derivatives of every term that reads measurements of a job."""
     source, mixed = measurement_numbers(kkt, job, window), []
     for name, term in kkt.problem.terms.items():
@@ -92,7 +96,7 @@ def sensitivity_to_measurements(
     return by_position, by_normal
 
 
-def sensor_covariance(by_position, by_normal, job) -> np.ndarray:
+def sensor_covariance(by_position, by_normal, job: Job) -> np.ndarray:
     """Return the covariance (k, k) that the sensors' noise gives the estimate."""
     data, precision, k = job.data, job.precision, len(by_position)
     raw = np.empty_like(by_position)
@@ -133,7 +137,7 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     return slope, value
 
 
-def measurement_numbers(kkt: KKTSystem, job, window) -> np.ndarray:
+def measurement_numbers(kkt: KKTSystem, job: Job, window) -> np.ndarray:
     """Return for every datum of the programme which measurement it is, -1 if none.
 
     The problem is built again from measurements shifted by CODE times their number:
@@ -175,7 +179,7 @@ def measurement_numbers(kkt: KKTSystem, job, window) -> np.ndarray:
     return whole.astype(int) - 1
 
 
-def model_error(kkt, by_position, by_normal, job, window) -> np.ndarray:
+def model_error(kkt, by_position, by_normal, job: Job, window) -> np.ndarray:
     """Return the covariance (k, k) by touched gaps and normals that are off the model.
 
     by_position, by_normal: how the estimate moves with both, through the touches alone.

@@ -6,7 +6,7 @@ At sample t the variance of the pose adds up
     marginalised, with the weight of the best of the local optima (mixture.py),
     sum_m w_m d_{m,t}^2, how far the poses of the other optima are,
     what shape and final pose have besides (the covariances of other optima, untouched
-    faces, profile likelihood), carried back by the rigid body: it holds in the body's
+    faces, profile likelihood), moved back with the rigid body: it holds in the body's
     frame.
 
     in planar motion, how the ground may lean, and the body on it (error_of_ground).
@@ -35,11 +35,11 @@ LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 POSES = 40  # of a trajectory whose covariance is computed
 
 
-def trajectory_variance(linearisation: Linearisation, middle, carried=None, optima=()):
+def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optima=()):
     """Return the variances (T, 6) of position [m^2] and rotation [rad^2], world frame.
 
     middle: the point of the body whose position is meant (3,), body frame, and how it
-    moves with the unknowns of the shape (3, n).  carried: errors of the final pose
+    moves with the unknowns of the shape (3, n).  of_end: errors of the final pose
     besides its error budget, if there are any: their covariance (k, k), and the maps
     (6, k) to position and rotation; optima: weight and LocalOptimum of others.
     """
@@ -65,8 +65,8 @@ def trajectory_variance(linearisation: Linearisation, middle, carried=None, opti
     variance = variance.reshape(-1, 6)
     if not free and tilt is not None:
         variance += np.diagonal(errors_of_ground(linearisation, p), axis1=1, axis2=2)
-    if carried is not None:
-        variance += _carried(*carried, R, R_wg)
+    if of_end is not None:
+        variance += _back_from_end(*of_end, R, R_wg)
     for weight, optimum in optima:
         apart = _apart(optimum, window.last[poses], (p, R), R_wg)
         variance += weight * apart**2
@@ -144,7 +144,7 @@ def _stacked(problem, poses, position, rotation):
     return np.hstack([by_theta.reshape(-1, n), block_diag(*by_pose)]), chosen
 
 
-def _carried(covariance, maps, R, R_wg) -> np.ndarray:
+def _back_from_end(covariance, maps, R, R_wg) -> np.ndarray:
     """Return variances (s, 6) of final errors that hold in the body's frame."""
     turn = R_wg @ R @ R[-1].T @ R_wg.T  # from the final orientation, world frame
     halves = np.split(np.nan_to_num(maps), 2)

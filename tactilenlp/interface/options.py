@@ -12,7 +12,7 @@ from ..common.brief import printed
 from ..common.validation import as_floats, as_number, check_types, check_whole
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
-from ..local.hypothesis import FunctionsByPage
+from ..local.job import FunctionsByPage
 from ..problem.reductions import REDUCTION_NAMES, Reductions
 from ..solvers.options import check_positive
 

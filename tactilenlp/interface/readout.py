@@ -38,13 +38,13 @@ from ..problem.pages import name_of
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
 from .request import CHECK_FOR_MISTAKES, Request
-from .result import SOLVED, Estimate
+from .result import OF_SOLVE, Estimate
 
 FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
 FACE_TILT = 0.05  # [rad] as exact as touched faces come out
 # [rad], deviations: a touch at most so far off is of a face
 MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
-FAR_OFF = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
+CASTS_DOUBT = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
 
 
@@ -87,7 +87,7 @@ def read_off(
 
 def with_doubts(fit, skipped):
     """Return a Fit that is "poor" at most where a reduction is far from holding."""
-    far = [s for s in skipped if not s.holds and s.value > FAR_OFF * s.limit]
+    far = [s for s in skipped if not s.holds and s.value > CASTS_DOUBT * s.limit]
     if fit is None or not far:
         return fit
     return fit.doubted(f"a reduction is far from holding, {far[0]}")
@@ -114,7 +114,7 @@ def _solved_fields(solved) -> dict:
     x, data = solution.at(problem)
     smoothed = [name for name in problem.reports if name.endswith(EXACT)]
     exact = {n: max(0.0, problem.value(n, x, data).max().item()) for n in smoothed}
-    return {name: getattr(solution, name) for name in SOLVED} | {
+    return {name: getattr(solution, name) for name in OF_SOLVE} | {
         "theta": solution.values["theta"].T.ravel(),
         "unknowns": solution.values,
         "violations": {**solution.violations, **exact},
@@ -193,7 +193,7 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
         return information_of(linearisation, solved, faces, optima)
     except OutOfTime:
         job.deadline.omit("standard deviations")
-        return prior_information(job, solved)
+        return information_of_prior(job, solved)
 
 
 def hull_poses(scene, x, middle) -> tuple[np.ndarray, Rotation]:
@@ -228,9 +228,9 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
             rows = window.push.finger == i
             out[f"finger {i}"] = by_sample(pushed[rows], window.push.sample[rows], T)
     if GROUND_IMPULSE in problem.reports:
-        carried = problem.value(GROUND_IMPULSE, x, values) @ turn
+        on_corners = problem.value(GROUND_IMPULSE, x, values) @ turn
         rows = window.step.sample[window.corner.step]
-        out["ground"] = by_sample(carried, rows, T)
+        out["ground"] = by_sample(on_corners, rows, T)
     elif "impulse" in problem.reports:  # of all contacts: what fingers leave over
         whole = problem.value("impulse", x, values) @ turn
         out["ground"] = by_sample(whole, window.step.sample, T)
@@ -248,7 +248,7 @@ def by_sample(values, rows, samples: int) -> np.ndarray:
     return out
 
 
-def prior_information(job, solved) -> Information:
+def information_of_prior(job, solved) -> Information:
     """Return the information by the prior alone about what was solved, world frame.
 
     Where the time limit came before it was computed: nothing is claimed that was not.

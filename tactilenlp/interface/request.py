@@ -25,7 +25,8 @@ from ..data.sensor_noise import (
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
-from ..local.hypothesis import FunctionsByPage, Hypothesis, Job
+from ..local.hypothesis import Hypothesis
+from ..local.job import FunctionsByPage, Job
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions, states_planar_motion
@@ -100,11 +101,11 @@ def read_request(
     job.deadline.spent.update(checking.spent)
     if isinstance(start, Estimate) and scene.latency is None:
         job = job.as_late_as(start.sensors)
-    carried = [] if start is None else carried_hypotheses(start, shape, scene, data)
+    known = [] if start is None else hypotheses_to_continue(start, shape, scene, data)
     if shape.tracked and isinstance(start, Estimate):
         # What another page found is no posterior of this one.
-        carried = carried if start.formulation == name_of(page) else []
-    return Request(data, job, start, executor, kept_axes(start, job)), carried
+        known = known if start.formulation == name_of(page) else []
+    return Request(data, job, start, executor, kept_axes(start, job)), known
 
 
 def checked_request(scene, shape, formulation, options, executor) -> tuple:
@@ -146,7 +147,8 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
 def check_start(start, shape, scene) -> None:
     """Raise for an Estimate or a Guess from which this shape cannot start."""
     if start is not None:
-        carried_hypotheses(start, shape, scene, getattr(start, "measurements", None))
+        data = getattr(start, "measurements", None)
+        hypotheses_to_continue(start, shape, scene, data)
         first_guess(start, shape, frame_of(scene.ground))
 
 
@@ -255,7 +257,7 @@ def kept_axes(start, job) -> tuple | None:
     return start.theta, frame_of(job.scene.ground).rotation @ R
 
 
-def carried_hypotheses(start, shape, scene, data) -> list[Hypothesis]:
+def hypotheses_to_continue(start, shape, scene, data) -> list[Hypothesis]:
     """Return the hypotheses of an earlier estimate, to continue from.
 
     Where that ends within an action which goes on, this action is fitted again. A

@@ -28,13 +28,13 @@ from ..data.sensor_noise import (
     with_fingers_earlier,
 )
 from ..errors import TactileError
-from ..geometry.faces import SupportingPlanes, supporting_planes
+from ..geometry.faces import SupportingPlanes, has_sides, is_hull, supporting_planes
 from ..geometry.transforms import rotation_of
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
 from ..local.hypothesis import Hypothesis
-from ..output.summary import has_sides, remarks_of, summary_of
+from ..output.summary import remarks_of, summary_of
 from ..problem.certificates import Skipped
 from ..problem.fingertips import as_spheres
 from ..solvers.solution import Solution
@@ -214,7 +214,7 @@ class Estimate:
         """Offset (3,) [m] from the centroid, body frame; zero where that is fixed."""
         offset = self.unknowns.get(CENTRE, np.zeros(3)).ravel()
         # The axes of a polytope are the ground's in the page, the world's here.
-        return self._from_ground(offset) if self.shape == "polytope" else offset
+        return self._from_ground(offset) if is_hull(self) else offset
 
     def _from_ground(self, vectors) -> np.ndarray:
         """Return vectors (..., 3) of the ground's frame in the world's."""
@@ -279,12 +279,12 @@ class Estimate:
         )
 
 
-SOLVED = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annotations__)
+OF_SOLVE = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annotations__)
 
 
 def solution_of(estimate: Estimate, page) -> Solution:
     """Return the solution of a page that an estimate was read from."""
-    solved = {name: getattr(estimate, name) for name in SOLVED}
+    solved = {name: getattr(estimate, name) for name in OF_SOLVE}
     return Solution(
         values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **solved
     )

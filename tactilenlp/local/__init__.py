@@ -3,7 +3,7 @@
 In: a `Job` (measurements, scene, shape, page), a `Hypothesis` (shape and trajectory).
 Out: a `Solved` page: optimum, evidence, KKT system, fit, certificates.
 
-- `hypothesis`: what is solved from, how two are compared; the job
+- `job`: what is solved; `hypothesis`: what it is solved from, how two are compared
 - `local_solve`: from a hypothesis, from an earlier solution, by continuation
 - `solved`: a page as it is built and solved
 - `margins`: how far objectives must differ before a choice depends on it

@@ -17,7 +17,8 @@ from ..problem.polytope_window import window_of
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
 from ..solvers.solution import Solution, after, unfinished
-from .hypothesis import Hypothesis, Job
+from .hypothesis import Hypothesis
+from .job import Job
 from .solved import BuiltPage, Solved
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
@@ -44,14 +45,16 @@ def built_page(job: Job, hypothesis=None) -> BuiltPage:
 # Solves from a hypothesis
 
 
-def in_motion_of(job, h: Hypothesis) -> Hypothesis:
+def in_motion_of(job: Job, h: Hypothesis) -> Hypothesis:
     """Return a hypothesis with free poses where a job has them: a body that lies."""
     if job.reductions.planar or len(h.x) != PLANAR.unknowns:
         return h
     return replace(h, x=planar_to_free(h.theta, h.x, job.shape))
 
 
-def solved_from(job, hypothesis, built=None, levels=None, before=None) -> Solved:
+def solved_from(
+    job: Job, hypothesis: Hypothesis, built=None, levels=None, before=None
+) -> Solved:
     """Solve the page from one hypothesis.
 
     built: the page, by default built here; levels: by default those of the page;
@@ -83,7 +86,7 @@ def transfer_solution(past: Solved, built: BuiltPage) -> Solution:
 
 
 def warm_started(
-    job, past: Solved, mu_init: float = RESTART_MU, hypothesis=None,
+    job: Job, past: Solved, mu_init: float = RESTART_MU, hypothesis=None,
     start: Callable = transfer_solution,
 ) -> Solved:  # fmt: skip
     """Solve the page's last level from an earlier solution and its multipliers.
@@ -98,7 +101,7 @@ def warm_started(
     return replace(solved, declined=past.declined)
 
 
-def freed_to_tilt(job, slid: Solved) -> Solved:
+def freed_to_tilt(job: Job, slid: Solved) -> Solved:
     """Solve the page in free motion from its solution `slid` in planar motion."""
     s, at = slid.solution, slid.at
     x = planar_to_free(at.theta, s.values["x"], job.shape)
@@ -115,7 +118,7 @@ def freed_to_tilt(job, slid: Solved) -> Solved:
 # Continuation: from an easier problem of the same page to the page itself
 
 
-def continuation(job, solved: Solved) -> Solved | None:
+def continuation(job: Job, solved: Solved) -> Solved | None:
     """Solve again by continuation from where a solve ended; None if the page has none.
 
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
@@ -139,7 +142,7 @@ def level_groups(levels, begins: Callable) -> list:
     return [levels[i:k] for i, k in pairwise([0, *cuts, len(levels)])]
 
 
-def _rebuilt_for(job, solved, groups) -> Solved:
+def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
     """Go on from a solve through groups of levels, the page rebuilt before each."""
     with job.deadline.ending("all levels of the page"):
         for levels in groups:
@@ -163,7 +166,7 @@ def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
     return replace(h, theta=onto.ravel())
 
 
-def _rebuilt(job, solved, levels) -> Solved:
+def _rebuilt(job: Job, solved: Solved, levels) -> Solved:
     """Go on from a solve through levels of the page, rebuilt where it ended."""
     h = with_vertices_on_hull(job.shape, solved.at)
     built = built_page(job, h)

@@ -19,8 +19,6 @@ from ..information.tangent_space import (
     tangent_space_of,
     tangent_space_of_hull,
 )
-from ..local.hypothesis import Hypothesis, Job
-from ..local.margins import DECISIVE, NEGLIGIBLE
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
 from ..problem.certificates import Certificates
@@ -31,6 +29,9 @@ from ..problem.window import Window
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
+from .hypothesis import Hypothesis
+from .job import Job
+from .margins import DECISIVE, NEGLIGIBLE
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
@@ -73,7 +74,7 @@ class BuiltPage:
         return values
 
     def solve(
-        self, job, levels, start, hypothesis=None, before=None, settings=None
+        self, job: Job, levels, start, hypothesis=None, before=None, settings=None
     ) -> Solved:
         """Return the page solved along some levels, from values or from a Solution.
 
@@ -250,7 +251,7 @@ def comparable(best: Solved, solved) -> list[Solved]:
     ]  # fmt: skip
 
 
-def settings_of(job) -> SolverOptions:
+def settings_of(job: Job) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
     left = min(LEVEL_TIME, max(0.1, job.deadline.left))
     kinked = ACCEPTABLE if job.shape.window_depends_on_start else {}
@@ -259,7 +260,7 @@ def settings_of(job) -> SolverOptions:
     return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)
 
 
-def search_settings(job, **ipopt) -> SolverOptions:
+def search_settings(job: Job, **ipopt) -> SolverOptions:
     """Return the solver's settings of a solve that only starts another page."""
     deadline = job.deadline
     return SolverOptions(SEARCH_TOLERANCE, SEARCH_TIME, ipopt=ipopt, deadline=deadline)

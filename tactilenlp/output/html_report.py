@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from ..common.brief import MM_PER_M
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
-from ..geometry.faces import face_sigma, polygons
+from ..geometry.faces import face_sigma, has_sides, polygons
 from ..solvers.solution import violation_in_words
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 from .export import check_format
-from .summary import MM_PER_M, has_sides, named_sizes, yaw_of
+from .summary import named_sizes, yaw_of
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side

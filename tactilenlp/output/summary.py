@@ -9,10 +9,12 @@ import numpy as np
 from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import LATE_NORMALS, RADIUS_OF, ROUNDED_EDGES
 from formulations.rigid_body import G
+from formulations.shape import CUBOID
 
+from ..common.brief import MM_PER_M, MS_PER_S
+from ..geometry.faces import has_sides, is_hull
 from ..solvers.solution import violation_in_words
 
-MM_PER_M, MS_PER_S = 1e3, 1e3  # [mm/m], [ms/s]
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits
@@ -104,14 +106,10 @@ def size_of(estimate) -> str:
         sigma = MM_PER_M * estimate.information.sigma("side_lengths")
         sides = zip(MM_PER_M * estimate.theta, sigma, strict=True)
         return " x ".join(f"{s:.2f} ± {e:.2f}" for s, e in sides) + " mm"
-    if "vertices" in estimate.information.maps or estimate.shape == "cuboid":
+    unknown_sides = estimate.information.names[:3] == CUBOID.words
+    if is_hull(estimate) or unknown_sides:
         return _size_of_hull(estimate)
     return ", ".join(map(" ".join, named_sizes(estimate)))
-
-
-def has_sides(estimate) -> bool:
-    """Tell whether theta are the sides (3,) of a body, of any class."""
-    return "side_lengths" in estimate.information.maps and estimate.theta.shape == (3,)
 
 
 def named_sizes(estimate) -> list[tuple[str, str]]:
@@ -205,9 +203,8 @@ def doubts_in_words(considered) -> list[str]:
     considered: see Information.  The latency has its own sentence.
     """
     lines, radii = [], []
-    for name, (off, sigma, probability) in considered.items():
-        if probability <= WORTH_TELLING:
-            continue
+    told = [(n, *v) for n, (*v, p) in considered.items() if p > WORTH_TELLING]
+    for name, off, sigma in told:
         size, error = MM_PER_M * abs(off), MM_PER_M * sigma
         if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from formulations.names import FINGER_FRICTION
 
+from ..common.brief import MM_PER_M
 from ..common.validation import check_types
 from ..errors import OptionError
 from ..geometry.convex_hull import nearest_points
@@ -21,7 +22,6 @@ from ..interface.result import Estimate
 from ..solvers.solution import Solution
 from .style import (
     INK,
-    MM_PER_M,
     STYLE,
     TOUCHED_COLOUR,
     UNTOUCHED_COLOUR,

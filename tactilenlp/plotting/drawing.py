@@ -10,14 +10,14 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from ..common.brief import MM_PER_M
 from ..errors import OptionError
 from ..evaluation.metrics import TrueBody
 from ..geometry.transforms import rotation_of
-from .faces import faces_of, faces_of_hull
+from .faces import faces_at, faces_of_hull
 from .style import (
     BAND_COLOUR,
     INK,
-    MM_PER_M,
     TOUCHED_COLOUR,
     TRUTH_COLOUR,
     UNTOUCHED_COLOUR,
@@ -39,7 +39,7 @@ POSITION_LABEL = "±1σ of the position"
 
 def draw_top(axis, estimate, sample, truth, view) -> None:
     """Draw a sample from above into an axis that shows the box `view` (2, 3) [mm]."""
-    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    data, (faces, spread) = estimate.measurements, faces_at(estimate, sample)
     for face in (face for face in faces if face.normal[2] > -1e-6):
         colour, upright = _face_colour(face), face.normal[2] < 0.5
         axis.fill(*face.corners[:, :2].T, fc=(colour, 0.25), ec=colour, lw=1 + upright,
@@ -56,7 +56,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
         true = outline(true_corners(truth, sample))
         axis.plot(*true.T, "--", color=TRUTH_COLOUR, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
-    contacts = carried_contacts(estimate, sample)
+    contacts = contacts_on_body(estimate, sample)
     for finger, (colour, points, normals, now) in enumerate(contacts):
         centres = estimate.seen_positions[:, finger] * MM_PER_M
         axis.plot(*centres[during, :2].T, ".-", ms=2.5, lw=0.8, color=colour, zorder=4)
@@ -75,7 +75,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
 
 def draw_scene(axis, estimate, sample, truth, view) -> None:
     """Draw a sample in 3-D into an axis that shows the box `view` (2, 3) [mm]."""
-    data, (faces, spread) = estimate.measurements, faces_of(estimate, sample)
+    data, (faces, spread) = estimate.measurements, faces_at(estimate, sample)
     set_up(axis, estimate, view)
     for face in (face for face in faces if face.normal @ EYE > 0):
         colour = _face_colour(face)
@@ -87,7 +87,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
     if truth is not None:
         true = faces_of_hull(true_corners(truth, sample))
         draw_seen(axis, true, "none", TRUTH_COLOUR, 6, ls="--", label="truth")
-    contacts = carried_contacts(estimate, sample)
+    contacts = contacts_on_body(estimate, sample)
     for finger, (colour, points, normals, _) in enumerate(contacts):
         seen = normals @ EYE > 0
         axis.quiver(*points[seen].T, *normals[seen].T, length=NORMAL_LENGTH,
@@ -181,7 +181,7 @@ def true_corners(truth, sample) -> np.ndarray:
     return MM_PER_M * (rotation_of(quaternion[now]).apply(corners) + p_wo[now])
 
 
-def carried_contacts(estimate, sample):
+def contacts_on_body(estimate, sample):
     """Yield the contacts of each finger, moved with the object to a sample.
 
     The finger's colour, points (n, 3) [mm], normals (n, 3), world frame, and whether

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import HalfspaceIntersection
 
-from ..geometry.faces import FACE_COSINE, face_sigma, polygons
+from ..common.brief import MM_PER_M
+from ..geometry.faces import FACE_COSINE, face_sigma, is_box, polygons
 from ..geometry.transforms import rotation_of
 from ..information.measurement_noise import KNOWN_FACE
-from .style import MM_PER_M
 
 MAX_DRAWN_SIGMA = 26e-3  # [m] of an unobserved face: the band stays within the margins
 MIN_DISTANCE_SHARE = 0.02  # [-] least distance of a drawn face over that estimated
@@ -30,7 +30,7 @@ def faces_of_hull(points) -> list[Face]:
     return [Face(points[corners], normal) for corners, normal in polygons(points)]
 
 
-def faces_of(estimate, sample: int):
+def faces_at(estimate, sample: int):
     """Return the faces at a sample, and the corners (n, 3) [mm] one sigma out and in.
 
     The faces of a cuboid move by their standard deviation at the last sample, and by
@@ -73,7 +73,7 @@ def _touched(estimate, normals) -> np.ndarray:
     R_ow = rotation_of(estimate.quaternion[t]).inv()
     met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
     # As many samples as make a face of a cuboid count as touched in its sigma.
-    enough = KNOWN_FACE if estimate.shape == "cuboid" else 1
+    enough = KNOWN_FACE if is_box(estimate) else 1
     down = np.zeros(len(normals), bool)
     if scene.ground is not None:
         down = normals @ estimate.rotation().T @ scene.ground.normal < -FACE_COSINE
@@ -83,7 +83,7 @@ def _touched(estimate, normals) -> np.ndarray:
 def _deviations(estimate, sample: int, normals) -> np.ndarray:
     """Return the standard deviation of each face along its normal, (faces,) [m]."""
     last = range(len(estimate.position))[sample] == len(estimate.position) - 1
-    if last or estimate.shape != "cuboid":
+    if last or not is_box(estimate):
         return face_sigma(estimate)
     axis, side = np.argmax(abs(normals), axis=1), (normals.sum(axis=1) > 0).astype(int)
     # Sizes alone: the untouched face of two moves by the whole deviation.

@@ -6,12 +6,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..common.brief import MM_PER_M
 from ..common.validation import check_types
 from ..exploration.action_search import Choice
 from ..exploration.expected_information import ExpectedInformation
 from ..geometry.transforms import planar_matrix
 from .drawing import outline
-from .style import INK, MM_PER_M, STYLE, below, check_axes, finger_colour
+from .style import INK, STYLE, below, check_axes, finger_colour
 
 TOP_VIEW_MARGIN = 35.0  # [mm] beside the object in the view from above
 LEAST_GAP = 10.0  # [deg] between the directions of two fingers that holds a label

@@ -15,11 +15,12 @@ import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from ..geometry.faces import face_sigma
+from ..common.brief import MM_PER_M
+from ..geometry.faces import face_sigma, is_box
 from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
 from .drawing import (
-    carried_contacts,
+    contacts_on_body,
     draw_scene,
     draw_seen,
     draw_top,
@@ -28,8 +29,8 @@ from .drawing import (
     view_of,
     visible_area,
 )
-from .faces import faces_of
-from .style import INK, MM_PER_M, below, check_axes, one_axis, picture, with_key
+from .faces import faces_at
+from .style import INK, below, check_axes, one_axis, picture, with_key
 
 LABEL_STYLE = {
     "ha": "center", "va": "center", "fontsize": 7,
@@ -71,7 +72,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
     """
     axis = one_axis(axis, 4.6, 3.6, projection="3d")
     set_up(axis, estimate, view_of(estimate, [-1]))
-    faces, _ = faces_of(estimate, -1)
+    faces, _ = faces_at(estimate, -1)
     for face, sigma in zip(faces, face_sigma(estimate), strict=True):
         colour = information_colour(sigma) / 255
         draw_seen(axis, [face], [colour], INK, 4, shade=False)
@@ -81,7 +82,7 @@ def plot_information(estimate: Estimate, axis=None, key: bool = True) -> Figure:
             at = centre + LABEL_DISTANCE * face.normal
             axis.plot(*np.stack([centre, at], axis=1), color=INK, lw=0.6, zorder=8.5)
             axis.text(*at, words, zorder=9, **LABEL_STYLE)
-    for colour, seen, _, _ in carried_contacts(estimate, -1):
+    for colour, seen, _, _ in contacts_on_body(estimate, -1):
         axis.scatter(*seen.T, s=5, color=colour, zorder=8, depthshade=False)
     scale = np.geomspace(UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, 64)
     bar = plt.cm.ScalarMappable(
@@ -106,7 +107,7 @@ def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
     """
     view = view_of(estimate, [0, -1])
     axes = _four_axes(estimate) if axis is None else check_axes(axis, 4)
-    alone = " (band: sizes alone)" if estimate.shape == "cuboid" else ""
+    alone = " (band: sizes alone)" if is_box(estimate) else ""
     words = f"First sample: {{}}{alone}", "Last sample: {}"
     for k, (title, sample) in enumerate(zip(words, (0, -1), strict=True)):
         draw_top(axes[k], estimate, sample, truth, view)

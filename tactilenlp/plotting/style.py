@@ -23,7 +23,6 @@ STYLE = {
     "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
     "axes.titlesize": 9, "axes.xmargin": 0.01, "figure.constrained_layout.use": True,
 }  # fmt: skip
-MM_PER_M = 1e3  # [mm / m], also [mN s / N s]
 KEY_DISTANCE = 0.42  # [inch] from an axis to the legend below its ticks and label
 
 

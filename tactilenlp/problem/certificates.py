@@ -1,13 +1,16 @@
-"""Certify after a solve that every reduction was right, and name what to restore.
+"""Certify after a solve that five reductions were right, and name what to restore.
 
 Exact reductions (far, absent, frictionless) must leave the optimum where it is; model
 reductions (still, planar) must not be contradicted by the data.  The unreduced problem,
-written out once at the solution, gives the certificates of far, absent and still.
+written out once at the solution, gives the certificates of far, absent and still.  The
+other three (rigid, central, aligned) are nested models, which refinement/nested_models
+compares with the larger ones: the declined of these are the checks.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +26,10 @@ from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .reductions import REDUCTION_NAMES
 from .static_friction import rest_force
 from .unreduced import unreduced
+
+if TYPE_CHECKING:
+    from ..local.job import Job
+    from ..local.solved import Solved
 
 NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] what is left out would lower the objective by less
@@ -69,7 +76,7 @@ class Certificates:
         return tuple(s.name for s in self.skipped if not s.holds)
 
 
-def certify(job, solved, rested: Skipped | None = None) -> Certificates:
+def certify(job: Job, solved: Solved, rested: Skipped | None = None) -> Certificates:
     """Return the reductions of a solved page, each with its certificate.
 
     rested: that of the still spans, where it is known.
@@ -90,7 +97,7 @@ def certify(job, solved, rested: Skipped | None = None) -> Certificates:
     return Certificates(tuple(s for s in skipped if s is not None), cuts)
 
 
-def far(solved, whole) -> Skipped | None:
+def far(solved: Solved, whole) -> Skipped | None:
     """Certify that the dropped free samples cost nothing at the solution."""
     if not len(whole.far):
         return None
@@ -119,7 +126,7 @@ def absent(whole) -> Skipped | None:
     )  # fmt: skip
 
 
-def still(solved, value) -> Skipped:
+def still(solved: Solved, value: float) -> Skipped:
     """Certify that a body stays at rest (static_friction.py).
 
     On a ground friction balances the forces on it; without one slips would gain little.
@@ -134,7 +141,7 @@ def still(solved, value) -> Skipped:
     )  # fmt: skip
 
 
-def frictionless(solved) -> Skipped | None:
+def frictionless(solved: Solved) -> Skipped | None:
     """Certify dropped tangential impulses: at the solution the cones allow none."""
     solution, count, largest = solved.solution, 0, 0.0
     values = solution.parameters | solution.values
@@ -153,7 +160,7 @@ def frictionless(solved) -> Skipped | None:
     )  # fmt: skip
 
 
-def planar_certificate(job, solved) -> Skipped:
+def planar_certificate(job: Job, solved: Solved) -> Skipped:
     """Certify that an object that never tilts explains the touches (outliers.py)."""
     worst = planar_share(unexplained_by_action(job, solved))
     return Skipped(

@@ -13,6 +13,7 @@ planar      MIN_OF_PLANAR samples and the share PLANAR_LIMIT of one action, or t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,11 @@ from ..errors import MotionError
 from ..geometry.transforms import rotate_back
 from .pages import page_of
 from .reductions import SIDE_NORMAL
+
+if TYPE_CHECKING:
+    from ..local.job import Job
+    from ..local.solved import Solved
+    from .window import Window
 
 GAP_ERROR, NORMAL_ERROR = 0.15e-3, 0.015  # [m], [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
@@ -53,7 +59,7 @@ class Evidence:
         )
 
 
-def with_ideal_fingertips(solved):
+def with_ideal_fingertips(solved: Solved) -> Window:
     """Return the window of a solved page as rigid and aligned fingertips would feel it.
 
     Normals are turned back by the turns that were found; the indentation that the page
@@ -70,7 +76,7 @@ def with_ideal_fingertips(solved):
     return replace(window, touch=replace(touch, p_wf=p_wf, normal=n))
 
 
-def unexplained_by_action(job, solved) -> list[Evidence]:
+def unexplained_by_action(job: Job, solved: Solved) -> list[Evidence]:
     """Return what flat motion leaves unexplained in every action that touched.
 
     solved: a flat solution, of whatever page.
@@ -112,7 +118,7 @@ def planar_share(evidence) -> float:
     return max([*shares, wrong / touches * PLANAR_LIMIT / PLANAR_TOTAL])
 
 
-def check_explained(solved, estimate) -> None:
+def check_explained(solved: Solved, estimate) -> None:
     """Raise MotionError where touches of a floating object are left unexplained.
 
     estimate: what the error has, of the same solve.

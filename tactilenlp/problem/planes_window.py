@@ -51,7 +51,7 @@ class PlanesWindow(Window):
     outside: Outside
 
 
-def contact_points(touch, x, n) -> np.ndarray:
+def felt_points(touch, x, n) -> np.ndarray:
     """Return contact points (touches, 3) [m] in the body frame at poses x (3, T).
 
     n (touches, 3): normals in that frame.
@@ -75,7 +75,7 @@ def planes_window(window, faces) -> PlanesWindow:
     ends = order[~(np.r_[False, same] & np.r_[same, False])]
     i, j = np.meshgrid(ends, np.arange(len(faces.b)), indexing="ij")
     other = plane[i] != j
-    point = contact_points(touch, faces.x, faces.n[plane])
+    point = felt_points(touch, faces.x, faces.n[plane])
     free = window.free
     centre = fingers_in_body(free, faces.x)
     apart = np.linalg.norm(point[ends][:, None] - centre[None], axis=2)

@@ -7,12 +7,14 @@ constant during a solve and built again for the next one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
 from formulations.likelihood import steepness
+from formulations.pushed_hull import LIFTED
 
 from ..geometry.convex_hull import fingers_in_body, nearest_points, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
@@ -20,8 +22,10 @@ from ..geometry.transforms import is_planar, matrices
 from .reductions import reduce
 from .window import Corners, Rests, Window
 
+if TYPE_CHECKING:
+    from ..local.job import Job
+
 VERTICES_READ = 8  # vertices that a contact depends on
-LIFTED = 0.5e-3  # [m] a vertex this high still carries the body
 EQUAL_WEIGHT, SUM_WEIGHT = 1e-3, 1e3  # weights of equal shares, and of a sum of one
 CLEAR_LENGTHS = 20.0  # [-] in which a free finger's cost falls by a factor of e
 RIGID_SHARE = 1e-3  # [-] of the largest move of legs with a pose: less is no move
@@ -245,7 +249,7 @@ def with_supports(shape, vertices):
     return replace(shape, theta=vertices.size, counts=(), corners=corners)
 
 
-def window_of(job, guess=None, resting=None) -> Window:
+def window_of(job: Job, guess=None, resting=None) -> Window:
     """Return the window that a page reads.
 
     guess: theta and x, where a page starts.  Of a polytope whose vertices it gives,

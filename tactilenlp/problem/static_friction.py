@@ -14,23 +14,28 @@ between actions were held where 5 nats spoke against it, their paths 9 sigma off
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from formulations.names import GROUND_FRICTION
 from formulations.rigid_body import ARM, LEAST_ARM
 from formulations.violation_implicit import WORK_COST
 
+from ..common.brief import MM_PER_M
 from ..data.scene import low_friction
 from ..geometry.transforms import is_planar, left_jacobians
 
-MM_PER_M = 1e3  # a page weighs friction in nats per mm
+if TYPE_CHECKING:
+    from ..local.solved import Solved
+
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
 LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it
 MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 
-def rest_force(scene, solved, whole) -> tuple[float, tuple[int, ...]]:
+def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     """Return the largest force on the still spans as a share of static friction [-].
 
     Without a ground: by how many nats slips would lower the objective.  And the sample
@@ -108,7 +113,7 @@ def _along(x) -> np.ndarray:
     return out
 
 
-def _lever_arm(solved, window) -> float:
+def _lever_arm(solved: Solved, window) -> float:
     """Return the arm [m] at which the ground's friction resists a turn."""
     legs = window.supports(solved.at.theta)
     return max(float(np.linalg.norm(legs[:, :2], axis=1).mean()), LEAST_ARM)
@@ -123,4 +128,5 @@ def _static_friction(scene, solution) -> float:
     values = {"kappa": WORK_COST, GROUND_FRICTION: low_friction(scene)}
     values |= solution.parameters | solution.values
     kappa, mu = (float(np.ravel(values[k])[0]) for k in ("kappa", GROUND_FRICTION))
+    # A page weighs friction in nats per mm.
     return max(MM_PER_M * kappa * mu * (scene.gravity > 0), ON_ICE)

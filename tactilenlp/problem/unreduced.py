@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,10 @@ from formulations.names import FINGER, GROUND
 from ..nlp.kkt import gradient
 from ..nlp.problem import Problem
 from .polytope_window import window_of
+
+if TYPE_CHECKING:
+    from ..local.job import Job
+    from ..local.solved import Solved
 
 LEFT_OUT = ("still", "far", "absent")
 
@@ -50,7 +55,7 @@ class UnreducedProblem:
         return self.slope + gradient(self.problem, self.x, self.data, lam, weights=lam)
 
 
-def unreduced(job, solved) -> UnreducedProblem:
+def unreduced(job: Job, solved: Solved) -> UnreducedProblem:
     """Return a solved page without its reductions of samples, poses and impulses."""
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     more = job.with_reductions(**dict.fromkeys(LEFT_OUT, False))
@@ -67,7 +72,7 @@ def unreduced(job, solved) -> UnreducedProblem:
     )  # fmt: skip
 
 
-def transferred_values(solved, again, problem) -> tuple[dict, dict, dict]:
+def transferred_values(solved: Solved, again, problem) -> tuple[dict, dict, dict]:
     """Return values, bound multipliers and multipliers of a solution for a problem.
 
     again: the window of `problem`, of the same data as that of `solved`.

@@ -1,14 +1,16 @@
 """Solves of the page after the search: optima, larger models, certificates.
 
-In: hypotheses of the search.  Out: the page solved, best first, certified.
+In: hypotheses of the search.  Out: the page solved, best first, certified.  In the
+order in which estimation/optima.py calls them:
 
+- `incremental_polytope`: one more action of a polytope, the past as a Gaussian
+- `incremental`: one more action of a shape with sizes, from few starts
 - `refinement`: multistart from the promising hypotheses
-- `axis_names`: the order of a box's axes; pages that tell them apart
 - `newton_steps`: late sensors, a ground that leans
 - `nested_models`: turned sensors, compliance or centre of mass if data ask
-- `tilt`: free motion of a body that rocks, started from what felt normals tell
 - `model_selection`: the most probable optimum, the likeliest class
-- `certification`: what reductions left out is checked, and restored where needed
+- `axis_names`: the order of a box's axes; pages that tell them apart
+- `certification`: what reductions left out is checked, and restored where needed;
+  `tilt`: free motion of a body that rocks, started from what felt normals tell
 - `profile_likelihood`, `profile_deviation`: sigma of sizes that no touch determines
-- `incremental_polytope`: one more action of a polytope, the past as a Gaussian
 """

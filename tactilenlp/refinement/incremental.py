@@ -13,7 +13,8 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ..interface.result import Estimate, solution_of
-from ..local.hypothesis import Hypothesis, Job, same_body
+from ..local.hypothesis import Hypothesis, same_body
+from ..local.job import Job
 from ..local.local_solve import built_page, solved_from, transfer_solution
 from ..local.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
 from ..local.solved import BuiltPage, Solved, Solves, best_first

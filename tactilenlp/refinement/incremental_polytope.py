@@ -19,7 +19,8 @@ from formulations.rigid_body import ARM
 
 from ..geometry.transforms import is_planar, planar_matrix
 from ..information.measurement_noise import touches
-from ..local.hypothesis import Hypothesis, Job
+from ..local.hypothesis import Hypothesis
+from ..local.job import Job
 from ..local.local_solve import continuation, warm_started
 from ..local.solved import (
     ACCEPTABLE,
@@ -34,7 +35,11 @@ from ..problem.reductions import Reductions, coasts
 from ..problem.unreduced import matching_contacts
 from ..problem.window import Corners
 from ..search.plane_slam import poses_of_new_action
-from ..search.polytope_init import faces_of, has_likely_count, with_credible_touches
+from ..search.polytope_init import (
+    has_likely_count,
+    planes_on_body,
+    with_credible_touches,
+)
 from ..solvers.solution import Solution, after
 from .certification import restore_reductions
 from .incremental import (
@@ -164,7 +169,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     about: information (3 V, 3 V) about the vertices of the past.
     """
     lean = with_credible_touches(replace(job, reductions=Reductions()))
-    h = replace(past.at, x=poses_of_new_action(lean, faces_of(lean, past.at)))
+    h = replace(past.at, x=poses_of_new_action(lean, planes_on_body(lean, past.at)))
     settings, solution = search_settings(job, **ACCEPTABLE), past.solution
     for build, levels in (
         (extension.build, extension.LEVELS),

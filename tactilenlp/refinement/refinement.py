@@ -33,11 +33,12 @@ from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import continue_if_implausible
 
 
-def refined(job, kept, solves, start=None, earlier=()) -> list[Solved]:
+def solve_from_hypotheses(job, kept, solves, start=None, earlier=()) -> list[Solved]:
     """Return the page solved from hypotheses, best first.
 
-    solves: Solves, where they are added; start: an estimate of this page that this one
-    continues; earlier: solves from some of the hypotheses.
+    kept: hypotheses, those of a search that are promising are solved; solves: Solves,
+    where they are added; start: an estimate of this page that this one continues;
+    earlier: solves from some of the hypotheses, which compete.
     """
     tracked = job.shape.tracked
     required = required_reductions(job.page, Reductions())
@@ -45,7 +46,7 @@ def refined(job, kept, solves, start=None, earlier=()) -> list[Solved]:
     lying = lying and not job.shape.rolls
     if lying and required.planar and not job.reductions.planar:
         flat = replace(job, reductions=required)
-        slid = refined(flat, kept, solves.provisional(), start)
+        slid = solve_from_hypotheses(flat, kept, solves.provisional(), start)
         slid = continue_if_implausible(slid)
         if not tracked or planar_certificate(flat, slid[0]).holds:
             return _solve_in_free_motion(job, slid if tracked else slid[:1], solves)

@@ -1,9 +1,10 @@
 """Search: where a local solve should start, over shapes and trajectories.
 
 In: a `Job` (measurements, scene, shape, reductions).  Out: hypotheses, best first, each
-a shape and a trajectory.  Boxes: multi-hypothesis tracking, then multistart.
+a shape and a trajectory.  Of shapes with sizes: multi-hypothesis tracking, multistart.
 
-- `multi_hypothesis`: the search for boxes, of the package `tracking` and `least_motion`
+- `multi_hypothesis`: the search for shapes with sizes, by the package `tracking`;
+  `least_motion`: its tracks as optima of the page with least motion
 - `proposals_poses`: a body of one class on the poses of another
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
 - `multistart`: the page solved from starts, by successive halving

@@ -19,7 +19,8 @@ import numpy as np
 from formulations import quasi_static
 
 from ..common.threads import on_one_thread
-from ..local.hypothesis import Hypothesis, Job, same_body
+from ..local.hypothesis import Hypothesis, same_body
+from ..local.job import Job
 from ..local.local_solve import built_page
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import LEVEL_TIME

@@ -20,7 +20,8 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import move_poses
-from ..local.hypothesis import Hypothesis, Job, distinct, diverse_starts, same_body
+from ..local.hypothesis import Hypothesis, distinct, diverse_starts, same_body
+from ..local.job import Job
 from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
 from ..tracking.carried import carried_away, with_carried

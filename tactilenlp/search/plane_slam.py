@@ -25,7 +25,7 @@ from ..geometry.convex_hull import (
 )
 from ..geometry.transforms import directions_in_body, rotate_planar
 from ..local.solved import search_settings
-from ..problem.planes_window import contact_points, of_new_action, planes_window
+from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..problem.reductions import reduce
 from ..solvers.solve import solve_levels
 from ..tracking.felt_pushes import pushed_paths
@@ -136,7 +136,7 @@ def faces_from(window, faces: Faces, s) -> Faces:
 def merged_faces(window, faces: Faces) -> Faces:
     """Return the planes with those of one face merged."""
     n, b, plane = faces.n, faces.b, faces.plane
-    point = contact_points(window.touch, faces.x, n[plane])
+    point = felt_points(window.touch, faces.x, n[plane])
     label = np.arange(len(b))
     off = np.abs(point @ n.T - b)  # (touches, planes)
     worst = np.array([off[plane == i].max(axis=0) for i in label])
@@ -273,7 +273,7 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     count = np.bincount(plane)
     n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
     n = n / np.linalg.norm(n, axis=1, keepdims=True)
-    point = contact_points(touch, x, n[plane])
+    point = felt_points(touch, x, n[plane])
     b = np.bincount(plane, (point * n[plane]).sum(axis=1)) / count
     return plane, n, b
 
@@ -291,5 +291,5 @@ def centred(window, faces: Faces, size, ground) -> Faces:
 def touched_halfspaces(window, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
     """Return the half-spaces (planes, 4) that hold all touched points, and these."""
     n = faces.n
-    points = contact_points(window.touch, faces.x, n[faces.plane])
+    points = felt_points(window.touch, faces.x, n[faces.plane])
     return np.c_[n, np.maximum(faces.b, (points @ n.T).max(axis=0))], points

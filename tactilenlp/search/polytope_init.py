@@ -112,7 +112,7 @@ def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
     Raises NoContactError where no touch is credible.
     """
     job = with_credible_touches(job)
-    faces, action = [faces_of(job, kept[0])] if kept else [], job.data.action
+    faces, action = [planes_on_body(job, kept[0])] if kept else [], job.data.action
     ends = np.searchsorted(action, np.unique(action), side="right").tolist()
     ends = [last for last in ends if job.data.contact[:last].any()]
     try:
@@ -217,7 +217,7 @@ def has_likely_count(job, h: Hypothesis) -> bool:
         return True
     job = with_credible_touches(replace(job, reductions=Reductions()))
     try:
-        hulls = hulls_from(job, faces_of(job, h))
+        hulls = hulls_from(job, planes_on_body(job, h))
     except TactileError:  # planes of touches that noise moved close no body
         return True
     return any(fit.theta.size == h.theta.size for fit in likeliest(job, hulls))
@@ -278,7 +278,7 @@ def with_credible_touches(job):
     )
 
 
-def faces_of(job, h: Hypothesis) -> Faces:
+def planes_on_body(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
     data = samples_until(job.data, h.x.shape[1])
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)

@@ -31,7 +31,7 @@ TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
 # Which of the two horizontal sides are taken from before the tumble:
 KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
-TRACKS = 30  # continued by a tumble
+TUMBLE_TRACKS = 30  # continued by a tumble
 MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
@@ -112,7 +112,7 @@ def last_tumbles(job, kept) -> list[Tumble]:
     side = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
     side &= (data.action == data.action[-1])[:, None]
     highest = data.finger_position[side][:, 2].max(initial=-np.inf)
-    for h in smoothed_tracks(job, kept, TRACKS):
+    for h in smoothed_tracks(job, kept, TUMBLE_TRACKS):
         height = max(h.theta[2], highest + BELOW_TOP)  # tall enough for its sides
         h = replace(h, theta=np.r_[h.theta[:2], height])
         start, tipped = _last_tip(job, h)

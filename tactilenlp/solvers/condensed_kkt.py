@@ -26,8 +26,8 @@ import numpy as np
 from ..nlp.kkt import read_by_many
 from .bordered_ldl import BorderedLdl
 
-# Fewer rows are left among the sparse ones: a box has 4 to 10, whose fill-in costs less
-# than the calls for a dense matrix; a hull has 70 and more.
+# Fewer rows are left among the sparse ones: a sparse page has 4 to 10, whose fill-in
+# costs less than the calls for a dense matrix; a dense page has 70 and more.
 LEAST_BORDER = 20
 
 
@@ -75,23 +75,23 @@ class CondensedKkt:
         products = jacobian * y[self.jacobian_rows]
         return np.bincount(self.jacobian_columns, products, self.shape[1])
 
-    def touched_by(self, fixed: np.ndarray) -> tuple:
-        """Return which values fixed unknowns (n,) touch, and which are their pivots."""
+    def entries_of(self, fixed: np.ndarray) -> tuple:
+        """Return the entries in rows and columns of fixed unknowns (n,), the pivots."""
         whole = np.concatenate((fixed, np.zeros(len(self._zero[1]), bool)))
-        touched = np.flatnonzero(whole[self._rows] | whole[self._columns])
-        return touched, self._diagonal[fixed]
+        entries = np.flatnonzero(whole[self._rows] | whole[self._columns])
+        return entries, self._diagonal[fixed]
 
     def matrix(self, hessian, jacobian, in_x, in_s, left_out) -> np.ndarray:
         """Return the values of the matrix; S_x (n,), S_s (m,).
 
-        hessian, jacobian: nonzeros; left_out: of unknowns that are fixed, `touched_by`.
+        hessian, jacobian: nonzeros; left_out: of unknowns that are fixed, `entries_of`.
         """
         left, right = self._pairs
         products = in_s[self._row] * jacobian[left] * jacobian[right]
         parts = hessian, products, in_x, self._zero[1], jacobian[self._tied]
         values = np.bincount(self._place, np.concatenate(parts), self.size)
-        touched, pivots = left_out
-        values[touched] = 0.0
+        entries, pivots = left_out
+        values[entries] = 0.0
         values[pivots] = 1.0
         return values
 

@@ -14,7 +14,7 @@ import numpy as np
 
 GAMMA_THETA, GAMMA_PHI, ETA, S_THETA, S_PHI = 1e-5, 1e-8, 1e-8, 1.1, 2.3  # (18) to (20)
 GAMMA_ALPHA, LEAST_STEP = 0.05, 1e-12  # (23), and a bound of it
-LARGEST, SMALL = 1e4, 1e-4  # violations, relative to that of the start, (21)
+LARGEST_VIOLATION, SMALL = 1e4, 1e-4  # violations, relative to that of the start, (21)
 FLOAT_ERROR = 10 * np.finfo(float).eps  # of barrier functions that are compared
 
 
@@ -56,7 +56,7 @@ class Filter:
     """
 
     def __init__(self, violation: float):
-        self._largest = LARGEST * max(1.0, violation)
+        self._largest = LARGEST_VIOLATION * max(1.0, violation)
         self._small = SMALL * max(1.0, violation)
         self.entries: list[tuple[float, float]] = []
 

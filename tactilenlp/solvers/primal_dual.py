@@ -44,7 +44,7 @@ class Run:
         self.assembly, self.kkt, self.data = assembly, kkt, p
         self.settings, self.mu = settings, settings.mu_init
         self.began, self.n, self.fixed = time.monotonic(), len(x0), lbx >= ubx
-        self.left_out = self.kkt.touched_by(self.fixed)
+        self.left_out = self.kkt.entries_of(self.fixed)
         self.equal = self.kkt.equal  # their slack is the number that they equal
         still = np.r_[self.fixed, self.equal]
         lower = np.where(still, -np.inf, np.r_[lbx, lbg])

@@ -14,7 +14,14 @@ import casadi as ca
 
 from .geometry import upright_surface
 from .mapped import MappedFunction, map_columns, of_columns
-from .process_noise import ADDED_VARIANCE, PUSH_ERROR, TOUCHED, deviation, way_of
+from .process_noise import (
+    ADDED_VARIANCE,
+    LAST_SHARE,
+    PUSH_ERROR,
+    TOUCHED,
+    deviation,
+    way_of,
+)
 from .pushing import Move, push_motion
 
 OUTLIER = 8.0  # [nats] most that one finger costs in one sample
@@ -45,7 +52,7 @@ def prediction(shape, fingers: int) -> MappedFunction:
     ]
     motion = push_motion(shape, z, moves, before, (factors[0], factors[1]))
     way, last = (way_of(ca.norm_2(d[:2]), d[2]) for d in (motion, before))
-    noise = factors[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, 0.5 * last))
+    noise = factors[2] * deviation(TOUCHED, PUSH_ERROR, ca.fmax(way, LAST_SHARE * last))
     added = ca.vertcat(ca.SX(shape.theta, 1), noise**2 + ADDED_VARIANCE)
     arguments = z, before, press, ca.vec(ways), factors
 

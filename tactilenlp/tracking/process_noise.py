@@ -7,14 +7,18 @@ The pose (x, y, yaw) of a track gets Gaussian noise of the variances
 where way = |(x, y)| + ARM |yaw| of a motion, and
 
                         least                share       motion
-    fingers push        TOUCHED              PUSH_ERROR  predicted, or half of the last
+    fingers push        TOUCHED              PUSH_ERROR  the larger of the predicted
+                                                         and LAST_SHARE of the last
     no finger touches   RELEASED             STOP_ERROR  of the last step
     between actions     GAP (1, 1, 1 / ARM)  0
 
 Each track draws s anew, s^2 = nu / chi^2(nu): together such Gaussians are Student's t
 of nu = STEP_FREEDOM, between actions GAP_FREEDOM, a Cauchy density.  Most steps are as
 predicted, but a body may slip, or snap between two fingers.  A second search is less
-sure of pushes (refinement.py): it has PROCESS_NOISE_FACTOR s in place of s in steps.
+sure of pushes (refinement/refinement.py): it has PROCESS_NOISE_FACTOR s in place of s
+in steps.  GAP is that of formulations/between_actions.py: editing it changes the prior
+of the pages as well.  Polytopes are not tracked: search/plane_slam.py has constants of
+its own.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ TURN_LENGTH = np.array([[1.0], [1.0], [1 / ARM]])  # [m, m, rad] of a way [m]
 TOUCHED = np.array([[1e-4], [1e-4], [5e-3]])  # [m, m, rad] of a sample
 RELEASED = np.array([[5e-5], [5e-5], [2e-3]])  # [m, m, rad] of a sample
 PUSH_ERROR, STOP_ERROR = 0.10, 0.20  # [-] of a way
+LAST_SHARE = 0.5  # [-] of the last way: the least that fingers are taken to push
 GAP_POSE = GAP * TURN_LENGTH  # [m, m, rad] between actions
 ADDED_VARIANCE = 1e-14  # [m^2, rad^2]
 STEP_FREEDOM, GAP_FREEDOM = 3, 1  # degrees of freedom

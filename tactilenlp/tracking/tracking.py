@@ -1,6 +1,6 @@
-"""Multi-hypothesis tracking of an upright box through what the fingers felt.
+"""Multi-hypothesis tracking of a body with sizes through what the fingers felt.
 
-A track is a Gaussian of size and planar pose.  Each sample predicts all tracks by
+A track is a Gaussian of sizes and planar pose.  Each sample predicts all tracks by
 quasi-static pushing, with its slopes in the covariance, and corrects them by gaps and
 normals (iterated extended Kalman filter); the innovations add up to the log evidence
 (filter_steps.py).  Process noise is Student's t (process_noise.py).  After an action
@@ -40,7 +40,6 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
     replaced: tracks at the first sample and slopes (3, n + 3, S) of how these moved
     since the action before, by default at rest.
     """
-    felt = ekf.felt
     records, end = [], samples[-1]
     for before, t in _steps(ekf.data, samples):
         if ekf.deadline.left <= 0:
@@ -51,12 +50,7 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
             (tracks, slopes), moves, replaced = replaced, True, None
         predicted, predicted_P = tracks.z, tracks.P
         tracks, corrected = _corrected(ekf, tracks, t)
-        rows = None
-        if felt[: t + 1].any():
-            if t == end:
-                tracks, rows = split_tracks(ekf, tracks, t == len(felt) - 1, rng)
-            elif (rows := surviving(tracks)) is not None:
-                tracks = tracks.pick(rows)
+        tracks, rows = _selected(ekf, tracks, t, t == end, rng)
         if moves or corrected or rows is not None:
             records.append(
                 SmootherStep(
@@ -64,6 +58,19 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
                 )
             )
     return tracks, records
+
+
+def _selected(ekf, tracks, t, ends: bool, rng):
+    """Return the tracks that go on after sample t, and which rows they were, if others.
+
+    All do before the first touch.  ends: the action, at whose end tracks are split.
+    """
+    if not ekf.felt[: t + 1].any():
+        return tracks, None
+    if ends:
+        return split_tracks(ekf, tracks, t == len(ekf.felt) - 1, rng)
+    rows = surviving(tracks)
+    return (tracks if rows is None else tracks.pick(rows)), rows
 
 
 def tracked_samples(data, samples) -> np.ndarray:
@@ -172,12 +179,13 @@ def _informative(ekf, z, t) -> list[tuple]:
             felt = data.normal[t, f]
             across = np.linalg.svd(felt[None])[2][1:]  # two directions
             telling.append((True, touch, (*sphere, felt, across.ravel(), sigma)))
-        elif ekf.hidden[t, f] or not data.contact[t, f]:
-            if (np.abs(z[-3:-1] - p[:2, None]) >= reach + radius).any(axis=0).all():
-                continue
-            height = geometry.height(z).max() if height is None else height
-            if p[2] <= height + radius:
-                telling.append((False, overlap, (*sphere, sigma)))
+            continue
+        far = (np.abs(z[-3:-1] - p[:2, None]) >= reach + radius).any(axis=0).all()
+        if far or (data.contact[t, f] and not ekf.hidden[t, f]):
+            continue
+        height = geometry.height(z).max() if height is None else height
+        if p[2] <= height + radius:
+            telling.append((False, overlap, (*sphere, sigma)))
     return telling
 
 

@@ -7,6 +7,7 @@ best distinct tracks and some of every yaw are kept, and split along their uncer
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
 from .filter_steps import begin_compilation
 from .geometry import Geometry, geometry_of
+
+if TYPE_CHECKING:
+    from ..local.job import Job
 
 # Tracks kept after an action, and what they are split into: 100 and 500 miss the best
 # optimum known by over 0.5 nats in 6 of 89 noisy recordings, these in 4.
@@ -96,7 +100,7 @@ class KalmanFilter:
     process_noise: float
 
 
-def filter_of(job, data) -> KalmanFilter:
+def filter_of(job: Job, data) -> KalmanFilter:
     """Return the filter of a job, of data as spherical fingertips would measure them.
 
     Where the fingers are not known, gaps tell less.

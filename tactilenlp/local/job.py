@@ -1,0 +1,133 @@
+"""A job: measurements, scene, shape and page of a search and of its local solves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from formulations.implicit import noting_roots
+from formulations.page_contract import PageContract, contract_of
+from formulations.shape import Shape
+
+from ..common.deadline import Deadline
+from ..data.measurements import Measurements
+from ..data.scene import Scene
+from ..data.sensor_noise import Precision, latency_cost, with_fingers_earlier
+from ..nlp.problem import Problem
+from ..nlp.term_functions import TermFunctionCache, default_cache
+from ..problem.reductions import Reductions
+from .hypothesis import Hypothesis
+
+if TYPE_CHECKING:
+    from ..interface.options import Options
+
+
+class FunctionsByPage(dict):
+    """Derived term functions by page and motion; mutable, shared by related solves.
+
+    Pickled, it is empty: derived functions stay in the process that derived them.
+    """
+
+    def __reduce__(self):
+        return FunctionsByPage, ()
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSettings:
+    """How a job is searched.
+
+    guess: a user's, of one sample, of the body at the first touch; process_noise:
+    factor of its deviations; may_be_carried: whether the body may be, by hand, between
+    two actions; hypothesis: one of all samples that is solved instead of a search.
+    """
+
+    guess: Hypothesis | None = None
+    process_noise: float = 1.0
+    may_be_carried: bool = True
+    hypothesis: Hypothesis | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a solve needs to know, picklable: measurements and how to read them.
+
+    page: a module with `build` and `LEVELS`; options: the caller's; deadline: by which
+    it is to end; functions: the caller's store of term functions, filled by the solves;
+    cuts: samples within rest intervals that need a pose of their own; search: what only
+    a search reads; recorded: the data before a latency, if any.
+
+    Pickled, it has no page: other processes search, and solve pages of their own.
+    """
+
+    data: Measurements
+    scene: Scene
+    shape: Shape
+    precision: Precision
+    reductions: Reductions
+    page: ModuleType | None
+    options: Options
+    deadline: Deadline
+    functions: FunctionsByPage
+    cuts: tuple[int, ...] = ()
+    search: SearchSettings = SearchSettings()
+    recorded: Measurements | None = None
+
+    def __getstate__(self) -> dict:
+        return {**vars(self), "page": None}
+
+    @property
+    def contract(self) -> PageContract:
+        """What the page states of itself."""
+        return contract_of(self.page)
+
+    def with_search(self, **settings) -> Job:
+        """Return the job with other settings of the search, by name."""
+        return replace(self, search=replace(self.search, **settings))
+
+    def with_reductions(self, **made: bool) -> Job:
+        """Return the job with other values of some reductions, by name."""
+        return replace(self, reductions=replace(self.reductions, **made))
+
+    def of_data(self, change) -> Job:
+        """Return the job of other data: change(Measurements) of these."""
+        recorded = None if self.recorded is None else change(self.recorded)
+        return replace(self, data=change(self.data), recorded=recorded)
+
+    def as_late_as(self, sensors) -> Job:
+        """Return the job with the latency of a Precision, fingers earlier by it."""
+        latency, error = sensors.latency, sensors.latency_error
+        late = replace(self.precision, latency=latency, latency_error=error)
+        recorded = self.data if self.recorded is None else self.recorded
+        earlier = with_fingers_earlier(recorded, latency)
+        recorded = recorded if latency else None
+        return replace(self, data=earlier, recorded=recorded, precision=late)
+
+    @property
+    def prior_cost(self) -> float:
+        """The priors of what was estimated before a solve: tilt, latency [nats]."""
+        return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
+
+    def build(self, window, scene=None, fill=None, solved=True) -> Problem:
+        """Return the problem that the page poses of a window.
+
+        scene: another one; fill: the `build` of a page with the same terms; solved:
+        False of what is only evaluated, which needs no derivatives.
+
+        Problems of this scene share term functions where these depend on page, shape,
+        scene and motion, not on what else a window holds: a page states so by ALIKE.
+        """
+        scene, shared = self.scene if scene is None else scene, {}
+        cache = default_cache() if solved else TermFunctionCache(derive=False)
+        if scene is self.scene and self.contract.alike and solved:
+            key = (
+                *(self.page, window.motion, window.frictionless),
+                *(window.compliant, window.central, window.aligned),
+            )
+            shared = self.functions.setdefault(key, {})
+        problem = Problem(
+            functions_by_name=shared, cache=cache, deadline=self.deadline,
+            noting=noting_roots,
+        )  # fmt: skip
+        (fill or self.page.build)(problem, window, scene, window.shape)
+        return problem
