@@ -1,5 +1,6 @@
 """Options of an estimate: what has no effect says so, and what is wrong is refused."""
 
+import warnings
 from dataclasses import replace
 
 import pytest
@@ -8,10 +9,28 @@ from tactilenlp import Options, Reductions
 from tactilenlp.errors import OptionError
 
 
-@pytest.mark.parametrize("name", ["seed", "rivals"])
-def test_an_option_of_an_older_version_is_refused_by_name(name):
-    with pytest.raises(OptionError, match=f"profile_likelihood.*got {name}"):
-        Options(**{name: False})
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_seed_is_accepted_with_a_warning_that_it_has_no_effect(seed):
+    with pytest.warns(FutureWarning, match="no effect"):
+        assert Options(seed=seed) == Options()
+
+
+def test_options_without_a_seed_do_not_warn():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Options().seed is None
+
+
+def test_a_seed_that_is_no_number_is_refused():
+    with pytest.raises(OptionError, match="seed"):
+        Options(seed="zero")
+
+
+def test_rivals_is_profile_likelihood_and_warns():
+    with pytest.warns(FutureWarning, match="profile_likelihood"):
+        options = Options(rivals=False)
+    assert options == Options(profile_likelihood=False)
+    assert not replace(options, starts=2).profile_likelihood
 
 
 def test_without_names_reductions_not_to_make():

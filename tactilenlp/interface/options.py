@@ -41,8 +41,10 @@ class Options:
         are probably wrong (MistakeError); name a likely mistake where the fit is not
         good
     without: names of reductions not to make: ("planar",) for what may tilt
-    reduce: older than `without`, which it is turned into with a FutureWarning: the same
-        names, False for all, or a Reductions
+    Of older versions, each with a FutureWarning:
+    reduce: is turned into `without`: the same names, False for all, or a Reductions
+    rivals: is turned into `profile_likelihood`
+    seed: has no effect
     """
 
     hypotheses: int | None = None
@@ -54,12 +56,22 @@ class Options:
     check_mistakes: bool = True
     without: object = ()
     reduce: InitVar[object] = True
+    rivals: InitVar[object] = None
+    seed: InitVar[object] = None
 
-    def __post_init__(self, reduce):
+    def __post_init__(self, reduce, rivals, seed):
         check_types(
             ipopt=(self.ipopt, dict), check_mistakes=(self.check_mistakes, bool),
             profile_likelihood=(self.profile_likelihood, bool),
+            rivals=(rivals, (bool, type(None))), seed=(seed, (int, type(None))),
         )  # fmt: skip
+        if seed is not None:
+            words = "Options.seed has no effect: an estimate draws from a fixed seed"
+            warnings.warn(words, FutureWarning, stacklevel=4)
+        if rivals is not None:
+            words = "Options(rivals=) is profile_likelihood="
+            warnings.warn(words, FutureWarning, stacklevel=4)
+            object.__setattr__(self, "profile_likelihood", rivals)
         without = self.without if reduce is True else self._without_by(reduce)
         Reductions.of(without)
         names = (without,) if isinstance(without, str) else tuple(without)
