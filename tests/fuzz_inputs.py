@@ -61,15 +61,20 @@ def fields_of(made, *names) -> dict:
 
 @functools.cache
 def constructors() -> tuple:
-    """Return pairs of a class and good arguments."""
-    rig, space = simulated_rig("optoforce"), t.Workspace()
+    """Return pairs of a class and good arguments, World last."""
+    world = fields_of(t.World((0.05, 0.04, 0.03)))
+    known = {k: v for k, v in world.items() if k != "_"}
+    return *_of_tactilenlp(), *_of_hardware(), (t.World, known)
+
+
+def _of_tactilenlp() -> tuple:
     joints = {"sigma": 0.01, "place": np.full((F, 3), 0.1)}
     joints |= {"jacobian": np.tile(np.eye(6, 3), (F, 1, 1))}
     joints |= {"change": np.zeros((F, 3, 3, 3))}
     poses = {"toss": np.zeros(9, int), "position": np.zeros((9, 3)), "dt": 0.01}
     poses |= {"quaternion": np.tile([1.0, 0, 0, 0], (9, 1))}
     shape = {name: getattr(CUBOID, name) for name in Shape.__dataclass_fields__}
-    world = fields_of(t.World((0.05, 0.04, 0.03)))
+    space = t.Workspace()
     return (
         (t.Scene, fields_of(t.Scene())),
         (t.Ground, fields_of(t.Ground())),
@@ -94,6 +99,12 @@ def constructors() -> tuple:
         (t.polytope, {"vertices": 8}),
         (t.log_size_prior, {"shape": CUBOID, "theta": (0.05, 0.04, 0.03)}),
         (_page, {"formulation": "quasi_static"}),
+    )
+
+
+def _of_hardware() -> tuple:
+    rig = simulated_rig("optoforce")
+    return (
         (Limits, fields_of(Limits())),
         (Gains, fields_of(Gains())),
         (Tactile, fields_of(rig.fingers[0].tactile)),
@@ -110,7 +121,6 @@ def constructors() -> tuple:
         (encode_configuration, {"speed": 1000, "filter": 15, "zero": False}),
         (MotorBoard, {"config": {}, "name": "board", "max_current": 1.0}),
         (Tape, {"folder": "tape", "rig": rig, "bus": "blf"}),
-        (t.World, {k: v for k, v in world.items() if k != "_"}),
     )
 
 
