@@ -116,7 +116,7 @@ def impulses_of(nlp, window, scene, shape, share=None):
     w = scene.mass * G * window.step.dt
     w_push, w_corner = w[window.push.step], w[window.corner.step]
     size = w.mean() if len(w) else scene.mass * G
-    share = 1 / max(1, len(shape.corners)) if share is None else share
+    share = 1 / len(shape.corners) if share is None else share
     slips = window.frictionless
     load = w_corner * share
     lam = impulses(nlp, FINGER, w_push, size, frictionless=slips)

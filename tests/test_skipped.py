@@ -83,19 +83,20 @@ def test_still_spans_that_are_doubted_get_poses_of_their_own_where_they_would_mo
         assert (np.abs(e.side_lengths - apart.side_lengths) < 0.1 * sigma).all()
 
 
-@pytest.mark.parametrize("rows", [0, 1, 3])  # impulses that the page has of a contact
+# Impulses that the page has of a contact, and how many contacts.
+@pytest.mark.parametrize(("rows", "contacts"), [(0, 0), (1, 0), (1, 5), (3, 5)])
 @pytest.mark.parametrize("mu", [0.0, 0.2])
 def test_only_a_page_without_tangential_impulses_has_dropped_them_where_none_act(
-    rows, mu
+    rows, contacts, mu
 ):
-    values = {"ground": np.full((rows, 5), 0.3)} if rows else {}
+    values = {"ground": np.full((rows, contacts), 0.3)} if rows else {}
     solved = SimpleNamespace(
         solution=SimpleNamespace(values=values, parameters={"ground friction": [mu]}),
         problem=SimpleNamespace(variables={"ground": SimpleNamespace(scale=[0.1])}),
         window=SimpleNamespace(frictionless=("ground",)),
     )  # fmt: skip
     skipped = frictionless(solved)
-    assert (skipped is None) == (rows != 1)
+    assert (skipped is None) == ((rows, contacts) != (1, 5))
     if skipped is not None:
         assert skipped.dropped == "10 tangential impulses"
         assert skipped.value == pytest.approx(3.0 * mu)  # [weights]

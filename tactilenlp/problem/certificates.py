@@ -150,7 +150,7 @@ def frictionless(solved: Solved) -> Skipped | None:
         if len(lam) == 1 and name in solved.window.frictionless:
             weight = solved.problem.variables[name].scale  # [N s] over a step
             allowed = np.multiply(values[friction], lam) / weight
-            count, largest = count + 2 * lam.size, max(largest, allowed.max())
+            count, largest = count + 2 * lam.size, allowed.max(initial=largest)
     if not count:
         return None
     return Skipped(
