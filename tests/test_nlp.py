@@ -205,6 +205,12 @@ def declare(problem):
             "a: y belongs to another problem",
         ),
         (
+            lambda p: p.subject_to(
+                "a", lambda y: y, declare(p), per=declare(Problem())
+            ),
+            "a: y belongs to another problem",
+        ),
+        (
             lambda p: p.data({"stifness": 1}),
             r"stifness: no such parameter.*'stiffness'",
         ),

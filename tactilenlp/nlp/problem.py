@@ -259,11 +259,12 @@ class Problem:
         instances = instances_of(name, arguments)
         if instances == 0:
             return
+        for argument in (*arguments, per):
+            check_owner(self, name, argument)
         if per is not None:
             instances = instances_of(name, [*arguments, per[:, :]])
         unknowns, data, order = [], [], []
         for argument in arguments:
-            check_owner(self, name, argument)
             if isinstance(argument, Columns):
                 indices, role_of, read = argument.indices, "z", unknowns
             else:
@@ -280,9 +281,8 @@ class Problem:
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         read = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        per = per and per.name
         kept[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
-                          per=per)  # fmt: skip
+                          per=per and per.name)  # fmt: skip
 
     def _function_of(self, name, derive, function, sizes, order):
         """Return the term function of a term; derive it unless this problem has it."""
