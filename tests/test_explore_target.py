@@ -35,6 +35,7 @@ def test_what_was_touched_last_is_sought_again():
         normal=np.array([[[1.0, 0, 0], [0, 0, 0]]] * 2),
         finger_position=np.array([[[0.05, 0.01, 0.03], [9, 9, 9]]] * 2),
         finger_radius=np.array([0.01, 0.01]),
+        fingers=2,
     )
     # 10 mm of finger and 15 mm of body behind it, at the height of the guess
     expected, at = [0.025, 0.01, 0.02], np.array([[9.0, 9.0, 0.02]])

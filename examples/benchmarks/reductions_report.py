@@ -43,8 +43,11 @@ def print_pairs(shape, rows) -> None:
             for scene in {row["scene"]: None for row in rows}
             if (scene, more) in found and (scene, less) in found
         ]
+        if not both:
+            continue
         good = [pair for pair in both if all(r["status"] in SOLVED for r in pair)]
         line = {"left out": name, "scenes": f"{len(good)} of {len(both)}"}
+        lines.append(line)
         if good:
             for key in ("variables", "terms", "ms/it", "CPU s"):
                 sides = (np.median([p[k][key] for p in good]) for k in (0, 1))
@@ -58,6 +61,5 @@ def print_pairs(shape, rows) -> None:
             line["put back, most"] = (
                 f"{np.nanmax(back):.1e}" if np.isfinite(back).any() else ""
             )
-        lines += [line] * bool(both)
     names = dict.fromkeys(key for line in lines for key in line)
     print(f"\nLeft out of a {shape}:\n{table(lines, *names)}")

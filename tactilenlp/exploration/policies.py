@@ -11,7 +11,7 @@ from formulations.shape import Shape
 
 from ..common.brief import printed
 from ..common.validation import check_one_of, check_types
-from ..data.contact_segments import consecutive_contacts
+from ..data.contact_segments import lasting_contacts
 from ..data.ground import frame_of
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
@@ -19,7 +19,6 @@ from .action_search import most_informative
 from .action_space import Action, Workspace
 from .optimisers import CrossEntropy
 from .push_model import check_predictable
-from .sweep import lasting_touch
 
 log = logging.getLogger("tactilenlp")
 POLICIES = ("eig", "random", "fisher", "farthest")
@@ -112,7 +111,7 @@ def next_action(estimate, space, past, rng, settings, shapes):
 def why_lost(estimate) -> str:
     """Return in words why the next action should not aim at the estimate, or ""."""
     data = estimate.measurements
-    if not lasting_touch(data.select(data.action[-1:])):
+    if not lasting_contacts(data)[data.action == data.action[-1]].any():
         return "no contact in the last action"
     apart = last_contact(estimate) - estimate.position[-1]
     if np.linalg.norm(apart) > np.linalg.norm(estimate.vertices, axis=1).max():
@@ -128,13 +127,12 @@ def last_contact(estimate) -> np.ndarray:
     Contacts of one sample may be wrong booleans.  Without any other, the centroid.
     """
     data, centre = estimate.measurements, estimate.position[-1]
-    begin, finger = np.nonzero(consecutive_contacts(data))
-    if not len(begin):
+    t, f = np.nonzero(lasting_contacts(data))
+    if not len(t):
         return centre
-    t, f = begin[-1] + 1, finger[-1]
-    n, frame = data.normal[t, f], frame_of(estimate.scene.ground)
-    depth = data.finger_radius[f] + DEPTH_BEHIND_CONTACT
-    point = frame.to_ground(data.finger_position[t, f] - depth * n)
+    n, frame = data.normal[t[-1], f[-1]], frame_of(estimate.scene.ground)
+    depth = data.finger_radius[f[-1]] + DEPTH_BEHIND_CONTACT
+    point = frame.to_ground(data.finger_position[t[-1], f[-1]] - depth * n)
     return frame.from_ground(np.r_[point[:2], frame.to_ground(centre)[2]])
 
 

@@ -9,7 +9,7 @@ At sample t the variance of the pose adds up
     faces, profile likelihood), moved back with the rigid body: it holds in the body's
     frame.
 
-    in planar motion, how the ground may lean, and the body on it (error_of_ground).
+    in planar motion, how the ground may lean, and the body on it (errors_of_ground).
 
 A solve of the KKT system is needed for every pose; at most POSES of them are computed,
 and the variance is linear between.
