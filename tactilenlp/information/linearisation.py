@@ -76,15 +76,12 @@ class Linearisation:
         kkt, window, latency = self.kkt, self.window, self.job.precision.latency
         pose, step = kkt.problem.variables["x"], window.step
         x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
-        v, ahead, motions = (
-            np.zeros_like(x),
-            np.zeros_like(x),
-            np.zeros((kkt.x.size, 3)),
-        )
+        v, ahead = np.zeros_like(x), np.zeros_like(x)
         v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
         unseen = window.pose[reported_late(self.job.data, latency)]
         ahead[unseen] = latency * v[unseen]
         ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
+        motions = np.zeros((kkt.x.size, 3))
         motions[pose.span] = np.stack(ways, axis=1)
         return motions
 
