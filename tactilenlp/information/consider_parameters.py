@@ -126,10 +126,12 @@ def doubts_of(linearisation: Linearisation) -> dict[str, Doubt]:
     """Return the doubts about consider parameters, by name; none without touches."""
     if TOUCH_TERM not in linearisation.kkt.problem.costs:
         return {}
-    parts = {LATE_NORMALS: late_normals, LATE_TOUCHES: late_touches}
+    doubts = {
+        LATE_NORMALS: late_normals(linearisation),
+        LATE_TOUCHES: late_touches(linearisation),
+    }
     if linearisation.window.shape.rounded is not None:
-        parts[ROUNDED_EDGES] = rounded_edges
-    doubts = {name: doubt(linearisation) for name, doubt in parts.items()}
+        doubts[ROUNDED_EDGES] = rounded_edges(linearisation)
     for f in np.unique(linearisation.window.touch.finger).tolist():
         doubts[f"{RADIUS_OF}{f}"] = told_radius(linearisation, f)
     return doubts
