@@ -3,7 +3,7 @@
 Search and model selection run at that rate only (1 / tracking.PERIOD): they take
 hundreds of iterations and need no more samples, and errors of the model last longer
 than a sample, so that more samples of a touch are no more evidence for a larger model.
-The optima, interpolate linearly, start the solve of all samples, which takes tens of
+The optima, interpolated linearly, start the solve of all samples, which takes tens of
 iterations (100 Hz: 118 to 46 CPU s, 200 Hz: 291 to 50; results/EXPERIMENTS.md).
 """
 

@@ -1,4 +1,4 @@
-"""Update from few starts: an estimate that fits well is continued before any search."""
+"""Update from few starts: an estimate that fits well is continued from these first."""
 
 from __future__ import annotations
 

@@ -249,7 +249,7 @@ def _with_larger_models(flat, solve_larger) -> list[Solved]:
     larger = with_nuisance_parameters(leaning, solve_larger)
     same_model = larger[0].job.reductions == flat[0].job.reductions
     if leaning is not flat and not same_model:
-        # The tilt did not explain enough: what was solve_larger then may do without it.
+        # The tilt did not explain enough: what was freed then may do without it.
         level = with_nuisance_parameters(flat, solve_larger)
         larger = min(larger, level, key=lambda solves: solves[0].rank)
     return with_ground_for_turns(larger)

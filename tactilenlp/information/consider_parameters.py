@@ -40,7 +40,7 @@ from formulations.names import (
 
 from ..data.contact_segments import consecutive_contacts, rate_of
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
-from ..nlp.kkt import KKTSystem, gradient
+from ..nlp.kkt import gradient
 from .measurement_noise import at_touches
 
 if TYPE_CHECKING:
@@ -126,10 +126,12 @@ def doubts_of(linearisation: Linearisation) -> dict[str, Doubt]:
     """Return the doubts about consider parameters, by name; none without touches."""
     if TOUCH_TERM not in linearisation.kkt.problem.costs:
         return {}
-    parts = {LATE_NORMALS: late_normals, LATE_TOUCHES: late_touches}
+    doubts = {
+        LATE_NORMALS: late_normals(linearisation),
+        LATE_TOUCHES: late_touches(linearisation),
+    }
     if linearisation.window.shape.rounded is not None:
-        parts[ROUNDED_EDGES] = rounded_edges
-    doubts = {name: doubt(linearisation) for name, doubt in parts.items()}
+        doubts[ROUNDED_EDGES] = rounded_edges(linearisation)
     for f in np.unique(linearisation.window.touch.finger).tolist():
         doubts[f"{RADIUS_OF}{f}"] = told_radius(linearisation, f)
     return doubts
@@ -139,7 +141,7 @@ def rounded_edges(linearisation: Linearisation) -> Doubt:
     """Return the doubt about sharp edges."""
     kkt, window = linearisation.kkt, linearisation.window
     problem, shape, touch = kkt.problem, window.shape, window.touch
-    values = problem.unpack(kkt.x)
+    values = linearisation.values
     less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
     low, high = (
         at_touches(window, v, touch.p_wf.T, lambda *at: at[2][0])
@@ -163,14 +165,14 @@ def late_normals(linearisation: Linearisation) -> Doubt:
 
     Sensors average normals for longer than contacts: these may be in time.
     """
-    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
-    data, touch = job.data, window.touch
+    window, data = linearisation.window, linearisation.job.data
+    touch = window.touch
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     later = replace(window, touch=replace(touch, normal=normal))
-    ends = ends_of(kkt, job.build, later)
-    return _doubt_by(kkt, ends, LAG_STEP, Prior(AVERAGED))
+    ends = ends_of(linearisation, later)
+    return _doubt_by(linearisation.kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
 def late_touches(linearisation: Linearisation) -> Doubt:
@@ -188,7 +190,7 @@ def late_touches(linearisation: Linearisation) -> Doubt:
         prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=0.0)
         estimated = True
     shifted = fingers_earlier(linearisation.window, job.data, LAG_STEP)
-    ends = ends_of(kkt, job.build, shifted)
+    ends = ends_of(linearisation, shifted)
     doubt = _doubt_by(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
     return replace(doubt, besides=CONTACT_LATENCY * estimated)
 
@@ -204,7 +206,7 @@ def told_radius(linearisation: Linearisation, finger: int) -> Doubt:
         return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
 
     larger = replace(window, touch=grown(window.touch), free=grown(window.free))
-    ends = ends_of(kkt, linearisation.job.build, larger)
+    ends = ends_of(linearisation, larger)
     prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
     felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in kkt.problem.costs]
     return _doubt_by(kkt, ends, RADIUS_STEP, prior, felt)
@@ -239,9 +241,10 @@ def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     return (slopes[0] - slopes[1]) / (2 * step), pull, bend
 
 
-def ends_of(kkt: KKTSystem, build, changed) -> list:
+def ends_of(linearisation: Linearisation, changed) -> list:
     """Return unknowns and data at r = step, 0, -step; changed: the window at a step."""
-    change = build(changed).data() - kkt.problem.data()
+    kkt = linearisation.kkt
+    change = linearisation.job.build(changed).data() - kkt.problem.data()
     return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
 
 

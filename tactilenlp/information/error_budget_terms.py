@@ -134,7 +134,7 @@ def unseen_motion(response) -> np.ndarray:
     total, window = MOVED_ON * let_go + AHEAD**2 * ahead, linearisation.window
     if len(window.unseen):
         kkt, step = linearisation.kkt, window.step
-        x = kkt.problem.unpack(kkt.x)["x"]
+        x = linearisation.values["x"]
         ways = (x[:, step.pose] - x[:, step.before]).T
         runs = ((step.sample[k], ways[j] - ways[k]) for k, j in window.unseen_runs)
         total += MOVED_ON * error_of_motions(kkt, response.by_gradient, window, runs)

@@ -16,7 +16,6 @@ read as of consider_parameters.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -76,15 +75,12 @@ class Linearisation:
         kkt, window, latency = self.kkt, self.window, self.job.precision.latency
         pose, step = kkt.problem.variables["x"], window.step
         x = kkt.x[pose.span].reshape(pose.columns, pose.rows)
-        v, ahead, motions = (
-            np.zeros_like(x),
-            np.zeros_like(x),
-            np.zeros((kkt.x.size, 3)),
-        )
+        v, ahead = np.zeros_like(x), np.zeros_like(x)
         v[step.pose] = (x[step.pose] - x[step.before]) / step.dt[:, None]
         unseen = window.pose[reported_late(self.job.data, latency)]
         ahead[unseen] = latency * v[unseen]
         ways = v.ravel(), window.let_go(x.T).T.ravel(), ahead.ravel()
+        motions = np.zeros((kkt.x.size, 3))
         motions[pose.span] = np.stack(ways, axis=1)
         return motions
 
@@ -94,12 +90,11 @@ class Linearisation:
 
         None where it is known, or there is none.
         """
-        job, scene = self.job, self.job.scene
+        scene = self.job.scene
         exact = scene.ground is None or scene.sigma_tilt == 0
         if exact or TOUCH_TERM not in self.kkt.problem.costs:
             return None
-        end = self.end * (1, 1, 0)
-        return ground_tilt(self.kkt, job.build, self.window, job.data, scene, end)
+        return ground_tilt(self, self.end * (1, 1, 0))
 
     @cached_property
     def values(self) -> dict[str, np.ndarray]:
@@ -230,30 +225,30 @@ class GroundTilt:
         return np.concatenate([positions, rotations], axis=1)
 
 
-def ground_tilt(kkt: KKTSystem, build: Callable, window, data, scene, about):
-    """Return the GroundTilt at a solution; build(window): its problem of a window.
+def ground_tilt(linearisation: Linearisation, about) -> GroundTilt:
+    """Return what is known of the tilt of the ground at a solution.
 
-    data: smoothed, as the problem has them; scene: with the ground in whose frame they
-    are; about (3,) [m]: the point of the ground that stays, ground frame.
+    about (3,) [m]: the point of the ground that stays, ground frame.
     """
-    touch, ground, by_turn = window.touch, scene.ground, []
+    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
+    touch, ground, by_turn = window.touch, job.scene.ground, []
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
         turn = [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
         R = Rotation.from_rotvec(turn).as_matrix()
-        seen = data.transformed(R, about - R @ about)
+        seen = job.data.transformed(R, about - R @ about)
         p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
         p_wf[:, :3] = seen.finger_position[at]
         if seen.finger_orientation is not None and p_wf.shape[1] > 3:
             p_wf[:, 3:] = seen.finger_orientation[at]
         touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
-        ends = ends_of(kkt, build, replace(window, touch=touched))
+        ends = ends_of(linearisation, replace(window, touch=touched))
         by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
     (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
     slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
     response = np.stack([kkt.moved(b) for b in slope.T], axis=1)
     data = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ response
     values, vectors = np.linalg.eigh((data + data.T) / 2)
-    prior = 1 / scene.sigma_tilt**2
+    prior = 1 / job.scene.sigma_tilt**2
     information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
     tilted = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
     mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * tilted)

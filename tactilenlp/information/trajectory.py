@@ -44,15 +44,12 @@ def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optim
     (6, k) to position and rotation; optima: weight and LocalOptimum of others.
     """
     window, values = linearisation.window, linearisation.values
-    tilt, R_wg, problem = (
-        linearisation.tilt,
-        linearisation.R_wg,
-        linearisation.kkt.problem,
-    )
+    tilt, R_wg = linearisation.tilt, linearisation.R_wg
     poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
     theta, x = values["theta"].T.ravel(), values["x"][:, poses]
     p, R, J_p, J_R = pose_jacobians(window.shape, window.motion, theta, x)
     p, J_p = _of_point(p, R, J_p, J_R, *middle)
+    problem = linearisation.kkt.problem
     jacobian, chosen = _stacked(problem, poses, R_wg @ J_p, R_wg @ J_R)
     free, by_ground = window.motion.name == "free", 0.0
     moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)

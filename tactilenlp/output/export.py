@@ -46,7 +46,7 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
 
 
 def check_format(path: Path, suffixes=(*MESHES, *MODELS)) -> str:
-    """Return the suffix of a file to write; OptionError unless it is a suffixes one."""
+    """Return the suffix of a file to write; OptionError unless among suffixes."""
     suffix = path.suffix.lower()
     if suffix not in suffixes:
         raise OptionError(

@@ -114,10 +114,15 @@ def size_of(estimate) -> str:
 
 def named_sizes(estimate) -> list[tuple[str, str]]:
     """Return the name and the value in words of each entry of theta."""
-    C = estimate.information.covariance_matrix
-    sigma = np.sqrt(np.maximum(np.diag(C), 0.0))
-    sizes = zip(estimate.information.names, estimate.theta, sigma, strict=False)
+    information = estimate.information
+    sigma = _sigma_of_names(information)
+    sizes = zip(information.names, estimate.theta, sigma, strict=False)
     return [named_size(*size) for size in sizes]
+
+
+def _sigma_of_names(information) -> np.ndarray:
+    """Return the standard deviation (k,) of each of the names, SI."""
+    return np.sqrt(np.maximum(np.diag(information.covariance_matrix), 0.0))
 
 
 def _size_of_hull(estimate) -> str:
@@ -225,7 +230,7 @@ def optima_in_words(information) -> list[str]:
     Empty where there is no other one; percentages sum to 100.
     """
     modes, names = information.modes, information.names
-    sigma = np.sqrt(np.maximum(np.diag(information.covariance_matrix), 0.0))
+    sigma = _sigma_of_names(information)
     other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
     if not len(other):
         return []

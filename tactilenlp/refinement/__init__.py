@@ -1,7 +1,7 @@
 """Solves of the page after the search: optima, larger models, certificates.
 
 In: hypotheses of the search.  Out: the page solved, best first, certified.  In the
-order in which estimation/optima.py calls them:
+order in which an estimate (estimation/solver.py, optima.py) calls them:
 
 - `incremental_polytope`: one more action of a polytope, the past as a Gaussian
 - `incremental`: one more action of a shape with sizes, from few starts

@@ -107,7 +107,7 @@ def _tilt_by_steps(best: Solved, needed) -> Solved:
     for _ in range(MAX_TILTS):
         job, ground = best.job, best.job.scene.ground
         about = _below_first_touches(best)
-        tilt = ground_tilt(best.kkt, job.build, best.window, job.data, job.scene, about)
+        tilt = ground_tilt(_linearised(best), about)
         if tilt.gain < (needed if ground.told is None else UNCHANGED):
             break
         if job.deadline.passed("a tilt of the ground"):
@@ -226,7 +226,12 @@ def _latency_by_steps(best: Solved) -> tuple[Solved, Doubt]:
 
 def _doubt_at(solved: Solved) -> Doubt:
     """Return what is known of the latency at a solve."""
-    return late_touches(Linearisation(solved.kkt, solved.job, solved.window))
+    return late_touches(_linearised(solved))
+
+
+def _linearised(solved: Solved) -> Linearisation:
+    """Return a solve to first order."""
+    return Linearisation(solved.kkt, solved.job, solved.window)
 
 
 def _close_to_best(solves) -> list[Solved]:
