@@ -47,6 +47,17 @@ class Terminal:
         except BlockingIOError:
             return b""
 
+    def read_until(self, words):
+        """Return what has come once `words` are in it: the kernel hands on parts."""
+        got = bytearray()
+
+        def came():
+            got.extend(self.read())
+            return words in got
+
+        wait_for(came)
+        return bytes(got)
+
     def unplug(self):
         """Close both ends, as an adapter that is pulled out."""
         for end in (self.master, self._slave):

@@ -65,7 +65,7 @@ def test_nothing_waits_until_a_port_is_drained(terminal, monkeypatch):
         monkeypatch.setattr("termios.tcdrain", drain)
         board.command(0.1, 0.1)
         board.stop()
-    assert b"t0058" in terminal.read()
+    assert b"t0058" in terminal.read_until(b"t0058")
 
 
 def test_the_port_of_an_adapter_that_hangs_is_closed(terminal):

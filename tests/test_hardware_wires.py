@@ -79,9 +79,9 @@ def test_driving_over_slcan_ends_with_zero_current(terminal):
         board.start()
         board.command(0.5, 0.5)
         time.sleep(0.02)
-        assert ZERO_CURRENT in terminal.read()
+        assert ZERO_CURRENT in terminal.read_until(ZERO_CURRENT)
     time.sleep(0.02)
-    assert terminal.read().startswith(ZERO_CURRENT)
+    assert terminal.read_until(ZERO_CURRENT).startswith(ZERO_CURRENT)
 
 
 def test_an_adapter_that_is_pulled_out_is_missed_within_200_ms(terminal):
