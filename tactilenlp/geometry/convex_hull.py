@@ -114,6 +114,43 @@ def fewer_vertices(points, count: int) -> np.ndarray:
     return points[left]
 
 
+def with_fewer_faces(points, counts) -> list[np.ndarray]:
+    """Return the vertices of a hull with at most so many faces each; counts: descending.
+
+    Faces are vertices of the polar body about the centroid, of which those that add
+    least volume go one after another: their neighbours grow together.  None follow
+    after faces that close no body.
+    """
+    centre = centroid(points)
+    faces, bodies = polar(points - centre), []
+    for count in counts:
+        faces = fewer_vertices(faces, count)
+        if ConvexHull(faces).equations[:, 3].max() >= 0:
+            break
+        bodies.append(hull_vertices(merge_points(polar(faces))) + centre)
+    return bodies
+
+
+def polar(points) -> np.ndarray:
+    """Return the vertices (n, 3) of the polar body of a hull that holds the origin."""
+    planes = ConvexHull(points).equations
+    return hull_vertices(planes[:, :3] / -planes[:, 3:])
+
+
+def departure(vertices, centres, radius) -> np.ndarray:
+    """Return how far fingers (n,) are from touching a hull [m]: negative within it.
+
+    centres (n, 3), radius (n,) [m].
+    """
+    planes = ConvexHull(vertices).equations
+    away = (centres @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+    out = away > 0
+    if out.any():
+        nearest = nearest_points(vertices, centres[out])
+        away[out] = np.linalg.norm(centres[out] - nearest, axis=1)
+    return away - radius
+
+
 def _neighbours(simplices, some) -> np.ndarray:
     """Return the vertices that share an edge with some vertices, one or several."""
     return np.setdiff1d(simplices[np.isin(simplices, some).any(axis=1)], some)

@@ -20,7 +20,10 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until, without_outliers
 from ..errors import NoContactError, TactileError
 from ..geometry.convex_hull import (
+    CORNER,
+    MOST_OF_TOUCH,
     Ball,
+    departure,
     fingers_in_body,
     hull_vertices,
     merge_points,
@@ -31,6 +34,7 @@ from ..geometry.convex_hull import (
     unseen_halfspaces,
     vertices_behind,
     with_counts,
+    with_fewer_faces,
     without_touch,
 )
 from ..local.hypothesis import Hypothesis
@@ -48,6 +52,7 @@ from .plane_slam import (
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
 FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
+FACES = 12, 10, 9, 8, 7, 6, 5, 4  # of hulls of which vertices are removed
 FEW = 8  # so few are corners where planes meet
 BODIES_SOLVED = 6  # by the page, of those at most LEAST_MOTION_BEHIND the best
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
@@ -153,7 +158,7 @@ def likeliest(job, hulls) -> list[Hypothesis]:
     At a deadline those of the bodies fitted by then, one at least.
     """
     fits, least, counts = [], np.inf, counts_of(job.shape)
-    for fewer in (by(job, h, counts) for h in hulls for by in (by_volume, by_touches)):
+    for fewer in (by(job, h, counts) for h in hulls for by in (by_volume, by_faces, by_touches)):
         for fit in fewer:
             if not np.isfinite(fit.cost):  # it diverged
                 fits.append(replace(fit.at, objective=np.inf))
@@ -181,6 +186,37 @@ def by_volume(job, hull: Hypothesis, counts):
         counts = [count for count in counts if count <= FEW]
     for V in with_counts(corners, counts):
         start = replace(hull, theta=V.ravel())
+        yield polished(job, start, polytope_quasi_static.STARTING)
+
+
+def by_faces(job, hull: Hypothesis, counts):
+    """Yield fits of a hull with FEW vertices or fewer, without faces of least volume.
+
+    Of a count, of hulls with each number of FACES, without vertices of least volume:
+    the one from which fingers depart least.  counts: descending.
+    """
+    corners = hull.theta.reshape(-1, 3)
+    if len(corners) <= FEW:
+        return
+    data = samples_until(job.data, hull.x.shape[1])
+    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    touch, free = window.touch, window.free
+    touches, others = (fingers_in_body(fingers, hull.x) for fingers in (touch, free))
+
+    def misfit(V) -> float:
+        apart = departure(V, touches, touch.radius)
+        within = np.minimum(departure(V, others, free.radius), 0.0)
+        squared = np.r_[apart, within] ** 2 / (2 * CORNER**2)
+        return np.minimum(squared, MOST_OF_TOUCH).sum()
+
+    counts = [count for count in counts if count <= FEW]
+    bodies = with_fewer_faces(corners, FACES)
+    starts = [V for body in bodies for V in with_counts(body, counts)]
+    for count in counts:
+        some = [V for V in starts if len(V) == count]
+        if not some:
+            continue
+        start = replace(hull, theta=min(some, key=misfit).ravel())
         yield polished(job, start, polytope_quasi_static.STARTING)
 
 
