@@ -68,7 +68,7 @@ def build(nlp, window, scene, shape):
     link, link_1 = window.link.T
     nlp.minimize("one face", one_face, plane[:, link], plane[:, link_1], role="prior")
     add_pairs(nlp, window, body, x, plane)
-    add_least_motion(nlp, window, shape, 0.0, x)
+    add_least_motion(nlp, window, shape, 0.0, x, predicted=True)
     add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     nlp.minimize(
         "unit length", lambda plane: ((ca.sumsqr(plane[:3]) - 1) / UNIT) ** 2 / 2,

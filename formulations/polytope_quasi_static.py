@@ -92,4 +92,4 @@ def build(nlp, window, scene, shape, prior=add_ball_prior):
     add_free(nlp, window, shape, near_free, x)
     add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     prior(nlp, window, shape, theta)
-    add_least_motion(nlp, window, shape, 0.0, x)
+    add_least_motion(nlp, window, shape, 0.0, x, predicted=True)

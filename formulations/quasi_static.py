@@ -36,6 +36,7 @@ TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least mo
 NORMAL = 0.1  # [rad] model error of a normal, likewise
 WAY_EPS = 0.3e-3  # [m] below this, the price of motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
+UNPREDICTED = 500.0  # [nats / m] price of motion other than predicted
 
 
 def build(nlp, window, scene, shape):
@@ -49,12 +50,14 @@ def build(nlp, window, scene, shape):
     add_least_motion(nlp, window, shape, theta, x)
 
 
-def add_least_motion(nlp, window, shape, theta, x):
+def add_least_motion(nlp, window, shape, theta, x, predicted=False):
     """Add the price of motion: an object that is pushed moves no more than it must.
 
     While a finger that may push is not seen, motion lasts: its change has that price.
     """
-    weight = nlp.parameter("motion weight", WEIGHT, "nats/m")
+    weight = nlp.parameter(
+        "motion weight", UNPREDICTED if predicted else WEIGHT, "nats/m"
+    )
     step = window.step
 
     def way_cost(theta, x, expected, weight):
@@ -66,10 +69,20 @@ def add_least_motion(nlp, window, shape, theta, x):
 
     unseen = window.unseen_steps.tolist()
     seen = sorted({*range(len(step))} - {*unseen})
-    nlp.minimize(
-        "least motion", way_cost, theta, x[:, step.pose[seen]], x[:, step.before[seen]],
-        weight, role="regulariser",
-    )  # fmt: skip
+    if predicted:
+
+        def departure_cost(theta, x, x_1, motion, weight):
+            return way_cost(theta, x, x_1 + motion, weight)
+
+        nlp.minimize(
+            "least motion", departure_cost, theta, x[:, step.pose[seen]],
+            x[:, step.before[seen]], step.motion[seen], weight, role="regulariser",
+        )  # fmt: skip
+    else:
+        nlp.minimize(
+            "least motion", way_cost, theta, x[:, step.pose[seen]],
+            x[:, step.before[seen]], weight, role="regulariser",
+        )  # fmt: skip
     nlp.minimize(
         "lasting motion", change_cost, theta, x[:, step.pose[unseen]],
         x[:, step.before[unseen]], x[:, step.before_2[unseen]], weight,

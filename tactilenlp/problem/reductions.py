@@ -200,7 +200,8 @@ def _steps(data, scene, pose, first, before, moving) -> Steps:
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]
-    return Steps(samples, pose[samples], pose[one], pose[two], dt)
+    still = np.zeros((len(dt), 3))
+    return Steps(samples, pose[samples], pose[one], pose[two], dt, still)
 
 
 def _gaps(data, scene, pose, first) -> Steps:
@@ -215,7 +216,8 @@ def _gaps(data, scene, pose, first) -> Steps:
     dt = np.where(
         early < last, data.time[last] - data.time[early], intervals(data)[last]
     )
-    return Steps(start, pose[start], pose[last], pose[early], dt)
+    still = np.zeros((len(dt), 3))
+    return Steps(start, pose[start], pose[last], pose[early], dt, still)
 
 
 def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:

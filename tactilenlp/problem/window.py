@@ -51,13 +51,17 @@ class Samples(Rows):
 
 @dataclass(frozen=True, eq=False)
 class Steps(Rows):
-    """Time steps of dt [s]: index of the pose, and of one and two samples before."""
+    """Time steps of dt [s]: index of the pose, and of one and two samples before.
+
+    motion (3,) [m, m, rad]: how a body is predicted to move in the step, none: zeros.
+    """
 
     sample: np.ndarray
     pose: np.ndarray
     before: np.ndarray
     before_2: np.ndarray
     dt: np.ndarray
+    motion: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

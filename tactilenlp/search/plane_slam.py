@@ -28,7 +28,7 @@ from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..problem.reductions import reduce
 from ..solvers.solve import solve_levels
-from ..tracking.felt_pushes import pushed_paths
+from ..tracking.felt_pushes import pushed_paths, pushed_steps
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most
@@ -87,6 +87,7 @@ def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
 def _extension(job, window, faces: Faces, x) -> Faces:
     """Return planes and poses of one more action from a path x (3, T)."""
     start = continued_faces(window, faces, x)
+    window = with_pushes(job, window, x)
     new = of_new_action(planes_window(window, start), faces.x, len(faces.b))
     problem = replace(job, page=polytope_planes).build(new)
     plane = problem.variables["plane"]
@@ -111,6 +112,17 @@ def turn_alike(fit: Faces, other: Faces) -> bool:
     return bool(np.abs(off - off[-1]).max() < TURN)
 
 
+MEAN_FOOT = 0.5  # [sizes] half the width of the support
+
+
+def with_pushes(job, window, x):
+    """Return the window with the motion that pushes cause along a path x (3, T)."""
+    foot = MEAN_FOOT * job.shape.size_prior[0]
+    motion = pushed_steps(job.data, x, foot, typical_friction(job.scene))
+    step = window.step
+    return replace(window, step=replace(step, motion=motion[:, step.sample].T))
+
+
 def solution_from(job, problem, window, faces: Faces, levels):
     """Return what the levels of the page find from `faces`."""
     start = {"x": faces.x[:, window.last], "plane": np.vstack([faces.n.T, faces.b])}
@@ -119,7 +131,7 @@ def solution_from(job, problem, window, faces: Faces, levels):
 
 def solved_faces(job, window, faces: Faces, levels) -> Faces:
     """Return the planes and poses that the page finds from `faces`."""
-    window = planes_window(window, faces)
+    window = with_pushes(job, planes_window(window, faces), faces.x)
     problem = replace(job, page=polytope_planes).build(window)
     return faces_from(window, faces, solution_from(job, problem, window, faces, levels))
 

@@ -47,12 +47,14 @@ from .plane_slam import (
     extended_faces,
     merged_faces,
     touched_halfspaces,
+    with_pushes,
 )
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
 FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
 FACES = 12, 10, 9, 8, 7, 6, 5, 4  # of hulls of which vertices are removed
+ONE_BY_ONE = 10  # of fewer vertices one is removed before the next fit
 FEW = 8  # so few are corners where planes meet
 BODIES_SOLVED = 6  # by the page, of those at most LEAST_MOTION_BEHIND the best
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
@@ -158,11 +160,11 @@ def likeliest(job, hulls) -> list[Hypothesis]:
     At a deadline those of the bodies fitted by then, one at least.
     """
     fits, least, counts = [], np.inf, counts_of(job.shape)
-    for fewer in (by(job, h, counts) for h in hulls for by in (by_volume, by_faces, by_touches)):
-        for fit in fewer:
+    for start in (start for hull in hulls for start in starts_of(job, hull, counts)):
+        for fit in with_fewer_vertices(job, start, counts):
             if not np.isfinite(fit.cost):  # it diverged
                 fits.append(replace(fit.at, objective=np.inf))
-                continue
+                break
             fits.append(replace(fit.at, objective=fit.cost + fit.occam))
             least = min(least, fits[-1].objective)
             if fit.cost > least or job.deadline.passed("other numbers of vertices"):
@@ -176,71 +178,59 @@ def counts_of(shape) -> list[int]:
     return sorted(shape.counts or [shape.theta // 3], reverse=True)
 
 
-def by_volume(job, hull: Hypothesis, counts):
-    """Yield fits of a hull with FEW vertices or fewer, without those of least volume.
+def starts_of(job, hull: Hypothesis, counts) -> list[Hypothesis]:
+    """Return the bodies from whose fits vertices are removed, counts: descending.
 
-    counts: descending.  A hull that has so few itself is fitted with all of its own.
+    With FIRST_COUNT vertices, since the more there are, the fewer local optima leave
+    touches unexplained; with FEW, without vertices of least volume; and with each
+    smaller count, without faces of least volume: of hulls of so many FACES, thinned to
+    the count, the one from which fingers depart least.
     """
     corners = hull.theta.reshape(-1, 3)
+    few, bodies = [count for count in counts if count <= FEW], []
     if len(corners) > FEW:
-        counts = [count for count in counts if count <= FEW]
-    for V in with_counts(corners, counts):
-        start = replace(hull, theta=V.ravel())
-        yield polished(job, start, polytope_quasi_static.STARTING)
+        bodies += with_counts(corners, [max(FIRST_COUNT, counts[0])])
+    bodies += with_counts(corners, few[:1])
+    if len(corners) > FEW and few:
+        data = samples_until(job.data, hull.x.shape[1])
+        window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+        thinned = with_fewer_faces(corners, FACES)
+        thinned = [V for body in thinned for V in with_counts(body, few)]
+        for count in few:
+            some = [V for V in thinned if len(V) == count]
+            bodies += [min(some, key=lambda V: misfit(window, hull.x, V))][: len(some)]
+    return [replace(hull, theta=V.ravel()) for V in bodies]
 
 
-def by_faces(job, hull: Hypothesis, counts):
-    """Yield fits of a hull with FEW vertices or fewer, without faces of least volume.
-
-    Of a count, of hulls with each number of FACES, without vertices of least volume:
-    the one from which fingers depart least.  counts: descending.
-    """
-    corners = hull.theta.reshape(-1, 3)
-    if len(corners) <= FEW:
-        return
-    data = samples_until(job.data, hull.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+def misfit(window, x, vertices) -> float:
+    """Return what fingers on a hull at poses x (3, T), and free ones in it, cost."""
     touch, free = window.touch, window.free
-    touches, others = (fingers_in_body(fingers, hull.x) for fingers in (touch, free))
-
-    def misfit(V) -> float:
-        apart = departure(V, touches, touch.radius)
-        within = np.minimum(departure(V, others, free.radius), 0.0)
-        squared = np.r_[apart, within] ** 2 / (2 * CORNER**2)
-        return np.minimum(squared, MOST_OF_TOUCH).sum()
-
-    counts = [count for count in counts if count <= FEW]
-    bodies = with_fewer_faces(corners, FACES)
-    starts = [V for body in bodies for V in with_counts(body, counts)]
-    for count in counts:
-        some = [V for V in starts if len(V) == count]
-        if not some:
-            continue
-        start = replace(hull, theta=min(some, key=misfit).ravel())
-        yield polished(job, start, polytope_quasi_static.STARTING)
+    touches, others = (fingers_in_body(fingers, x) for fingers in (touch, free))
+    apart = departure(vertices, touches, touch.radius)
+    within = np.minimum(departure(vertices, others, free.radius), 0.0)
+    squared = np.r_[apart, within] ** 2 / (2 * CORNER**2)
+    return np.minimum(squared, MOST_OF_TOUCH).sum()
 
 
-def by_touches(job, hull: Hypothesis, counts):
-    """Yield fits of a hull with more than FEW vertices, each from the one before.
+def with_fewer_vertices(job, start: Hypothesis, counts):
+    """Yield fits of a body with each of the counts, each fit from the one before.
 
-    The first one has FIRST_COUNT: the more vertices, the fewer local optima leave
-    touches unexplained.  A vertex goes without which the hull is as far from the
-    touches as with it (backward elimination).  counts: descending, one at least.
+    The vertex goes without which the body is as far from the touches as with it
+    (backward elimination): of few vertices one at a time.  counts: descending.
     """
-    corners = hull.theta.reshape(-1, 3)
-    if len(corners) <= FEW:
-        return
-    (corners,) = with_counts(corners, [max(FIRST_COUNT, counts[0])])
-    h, levels = replace(hull, theta=corners.ravel()), polytope_quasi_static.STARTING
-    fit = polished(job, h, levels)
-    for count in (count for count in counts if count > FEW or count == counts[0]):
-        if not np.isfinite(fit.cost):
+    levels = polytope_quasi_static.STARTING
+    fit, count = polished(job, start, levels), len(start.theta) // 3
+    while True:
+        if count in counts:
+            yield fit
+        fewer = [c for c in counts if c < count]
+        if not (fewer and np.isfinite(fit.cost)):
             return
+        count = fewer[0] if count > ONE_BY_ONE else count - 1
         centres = fingers_in_body(fit.window.touch, fit.at.x)
         V = without_touch(fit.at.theta.reshape(-1, 3), centres, count)
-        h = replace(fit.at, theta=more_vertices(V, count).ravel())
-        fit = polished(job, h, levels[1:])
-        yield fit
+        start = replace(fit.at, theta=more_vertices(V, count).ravel())
+        fit = polished(job, start, levels[1:])
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
@@ -291,6 +281,8 @@ def polished(job, body: Hypothesis, levels) -> Solved:
     """Return levels of the quasi-static page solved from a body: vertices and poses."""
     job = replace(job, page=polytope_quasi_static)
     built = built_page(job, body)
+    window = with_pushes(job, built.window, body.x)
+    built = replace(built, problem=job.build(window), window=window)
     start, settings = built.values_at(body), search_settings(job)
     solved = built.solve(job, levels, start, settings=settings)
     iterations = body.iterations + solved.solution.iterations

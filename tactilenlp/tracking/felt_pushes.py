@@ -17,6 +17,9 @@ from .pushing import Move, felt_push_motion
 from .tracks import PRESS
 
 
+HALF = 0.5  # [-] of a step during which a touch that begins pushes
+
+
 def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
     """Return paths (S, 3, samples) [m, m, rad] of bodies through samples of an action.
 
@@ -41,6 +44,25 @@ def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
             motion = np.zeros_like(motion)
         paths[:, :, k] = pose.T
     return paths
+
+
+def pushed_steps(data, x, foot, friction) -> np.ndarray:
+    """Return how a body on a path x (3, T) is pushed in each step (3, T) [m, m, rad].
+
+    Its centre of mass is its origin.  foot [m], friction: as of `pushed_paths`.
+    """
+    touched, steps = data.contact & data.valid, np.zeros(x.shape)
+    motion = np.zeros((3, 1))
+    for t in range(1, x.shape[1]):
+        active = np.flatnonzero(touched[t] & (data.action[t] == data.action[t - 1]))
+        if not len(active):
+            motion = np.zeros((3, 1))
+            continue
+        step = _step_of(data, t, active, touched[t - 1], np.full(1, HALF))
+        state = np.vstack([[[foot]], x[:, [t - 1]]])
+        (motion,) = _push(len(active))(state, motion, *step, np.array(friction))
+        steps[:, [t]] = motion
+    return steps
 
 
 def _step_of(data, t, active, before, onset) -> tuple:
