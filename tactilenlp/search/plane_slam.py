@@ -87,7 +87,8 @@ def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
 def _extension(job, window, faces: Faces, x) -> Faces:
     """Return planes and poses of one more action from a path x (3, T)."""
     start = continued_faces(window, faces, x)
-    window = with_pushes(job, window, x)
+    ways = np.diff(x, axis=1, prepend=x[:, :1])
+    window = replace(window, step=replace(window.step, motion=ways[:, window.step.sample].T))
     new = of_new_action(planes_window(window, start), faces.x, len(faces.b))
     problem = replace(job, page=polytope_planes).build(new)
     plane = problem.variables["plane"]
