@@ -2,13 +2,13 @@ r"""One more action of a polytope: the earlier ones as a Gaussian prior of its v
 
     min  eq:loss of the action, way from the one before       (polytope_quasi_static.py)
        + (v - v_0)' Lambda (v - v_0) / 2                                    (`add_past`)
-       + least motion                                         (polytope_quasi_static.py)
+       + motion other than predicted                          (polytope_quasi_static.py)
          or the other terms of eq:vimp                  (polytope_violation_implicit.py)
     s.t. v_z >= 0, with eq:vimp all its constraints
     over v_j, x_k of the action, with eq:vimp also its other unknowns but m, r
 
 v_0 and Lambda are the vertices and the information about them at the last pose before
-the action, which is held.  There are two pages: `build` with least motion,
+the action, which is held.  There are two pages: `build` with predicted motion,
 `build_pushed` with impulses.  Their solutions start the joint problem of all actions.
 """
 
@@ -24,7 +24,7 @@ PUSHED = (Level("pushed", ipopt={"mu_init": 1e-1, "max_iter": 60}),)
 
 
 def build(nlp, window, scene, shape):
-    """Fill `nlp` with eq:loss of the action, the prior, and least motion."""
+    """Fill `nlp` with eq:loss of the action, the prior, and predicted motion."""
     polytope_quasi_static.build(nlp, window, scene, shape, add_past)
 
 

@@ -5,7 +5,8 @@ r"""Poses and observed supporting planes: the path of a convex body of unknown s
        + sum_pairs  max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)                   (behind)
        + sum_free   max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)           (outside)
        + sum_slips  SLIP_WEIGHT (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)   (slip)
-       + least motion, between actions         (quasi_static.py, between_actions.py)
+       + motion other than predicted, motion between actions
+                                               (quasi_static.py, between_actions.py)
        + ((|m_i|^2 - 1) / UNIT)^2 / 2,   n_i = m_i / |m_i|             (unit length)
     over x_k, m_i, b_i
 
@@ -26,7 +27,7 @@ from . import sensing
 from .between_actions import HEAVY, add_fixed_width
 from .level import Level
 from .names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
-from .quasi_static import WAY_EPS, add_least_motion
+from .quasi_static import WAY_EPS, add_unpredicted_motion
 from .rigid_body import declare_poses
 from .shape import positive_part
 
@@ -68,7 +69,7 @@ def build(nlp, window, scene, shape):
     link, link_1 = window.link.T
     nlp.minimize("one face", one_face, plane[:, link], plane[:, link_1], role="prior")
     add_pairs(nlp, window, body, x, plane)
-    add_least_motion(nlp, window, shape, 0.0, x, predicted=True)
+    add_unpredicted_motion(nlp, window, shape, 0.0, x)
     add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     nlp.minimize(
         "unit length", lambda plane: ((ca.sumsqr(plane[:3]) - 1) / UNIT) ** 2 / 2,

@@ -1,4 +1,4 @@
-r"""Vertices and poses of a convex polytope with minimal motion, no impulses.
+r"""Vertices and poses of a convex polytope with predicted motion, no impulses.
 
     min  eq:loss                                                   (likelihood.py)
        + heavy-tailed motion between actions                       (between_actions.py)
@@ -6,7 +6,7 @@ r"""Vertices and poses of a convex polytope with minimal motion, no impulses.
        + (r - mean)^2 / (2 deviation^2)                            (size prior)
        + sum_legs v_z^2 / (2 LEG^2)                                (legs on the ground)
        + sum_j |v_j - v_j0|^2 / (2 STAY^2)                         (stay)
-       + least motion                                              (quasi_static.py)
+       + motion other than predicted                               (quasi_static.py)
     s.t. v_z >= 0                                                  (with a ground)
     over v_j, x_k, m, r
 
@@ -27,7 +27,7 @@ from .between_actions import HEAVY, add_fixed_width
 from .level import Level
 from .likelihood import add_free, add_touches
 from .names import BALL
-from .quasi_static import add_least_motion
+from .quasi_static import add_unpredicted_motion
 from .rigid_body import declare_poses
 
 REDUCTIONS = {"planar": True}  # no term keeps a free body on the ground
@@ -38,7 +38,7 @@ LEVELS = (
 )
 STARTING = tuple(k.with_ipopt(max_iter=40) for k in LEVELS)  # only start another page
 
-TOUCH = 0.2e-3  # [m] model error of a touched gap where motion is only least motion
+TOUCH = 0.2e-3  # [m] model error of a touched gap where there are no impulses
 NORMAL = 0.02  # [rad] model error of a normal, likewise
 SPREAD = 0.2  # [-] deviation of a vertex from the sphere, in radii
 STAY = 5e-3  # [m] deviation of a vertex from where it started
@@ -82,7 +82,7 @@ def add_ball_prior(nlp, window, shape, theta):
 
 
 def build(nlp, window, scene, shape, prior=add_ball_prior):
-    """Fill `nlp` with what was felt, and least motion.
+    """Fill `nlp` with what was felt, and predicted motion.
 
     prior(nlp, window, shape, theta): adds what was known of the vertices before.
     """
@@ -92,4 +92,4 @@ def build(nlp, window, scene, shape, prior=add_ball_prior):
     add_free(nlp, window, shape, near_free, x)
     add_fixed_width(nlp, window, shape, 0.0, x, HEAVY)
     prior(nlp, window, shape, theta)
-    add_least_motion(nlp, window, shape, 0.0, x, predicted=True)
+    add_unpredicted_motion(nlp, window, shape, 0.0, x)

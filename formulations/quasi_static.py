@@ -10,7 +10,9 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
 
 Least motion stands for quasi-static dissipation: an object that is pushed moves no more
 than it must.  Where a finger that may push is not seen, way is that to x_{k-1} +
-(x_{k-1} - x_{k-2}), as motion lasts.
+(x_{k-1} - x_{k-2}), as motion lasts.  Where motion is predicted, by pushes at the
+contacts that are felt, way is that to x_{k-1} + motion_k: what is priced is the motion
+other than predicted (`add_unpredicted_motion`).
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least mo
 NORMAL = 0.1  # [rad] model error of a normal, likewise
 WAY_EPS = 0.3e-3  # [m] below this, the price of motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
-UNPREDICTED = 500.0  # [nats / m] price of motion other than predicted
+UNPREDICTED = 500.0  # [nats / m] price of motion other than predicted, a third as far
 
 
 def build(nlp, window, scene, shape):
@@ -50,41 +52,56 @@ def build(nlp, window, scene, shape):
     add_least_motion(nlp, window, shape, theta, x)
 
 
-def add_least_motion(nlp, window, shape, theta, x, predicted=False):
-    """Add the price of motion: an object that is pushed moves no more than it must.
+def add_least_motion(nlp, window, shape, theta, x):
+    """Add the price of motion: an object that is pushed moves no more than it must."""
+    price, step, seen = Price(nlp, window, shape, WEIGHT), window.step, seen_of(window)
+    nlp.minimize(
+        "least motion", price.way, theta, x[:, step.pose[seen]],
+        x[:, step.before[seen]], price.weight, role="regulariser",
+    )  # fmt: skip
+    add_lasting_motion(nlp, window, price, theta, x)
 
-    While a finger that may push is not seen, motion lasts: its change has that price.
-    """
-    weight = nlp.parameter(
-        "motion weight", UNPREDICTED if predicted else WEIGHT, "nats/m"
-    )
-    step = window.step
 
-    def way_cost(theta, x, expected, weight):
-        way = way_squared(window.motion, shape, theta, x, expected)
+def add_unpredicted_motion(nlp, window, shape, theta, x):
+    """Add the price of planar motion other than predicted (window.step.motion)."""
+    price = Price(nlp, window, shape, UNPREDICTED)
+    step, seen = window.step, seen_of(window)
+
+    def departure(theta, x, x_1, motion, weight):
+        return price.way(theta, x, x_1 + motion, weight)
+
+    nlp.minimize(
+        "unpredicted motion", departure, theta, x[:, step.pose[seen]],
+        x[:, step.before[seen]], step.motion[seen], price.weight, role="regulariser",
+    )  # fmt: skip
+    add_lasting_motion(nlp, window, price, theta, x)
+
+
+class Price:
+    """The price of a way from an expected pose [nats]."""
+
+    def __init__(self, nlp, window, shape, weight):
+        self.weight = nlp.parameter("motion weight", weight, "nats/m")
+        self.motion, self.shape = window.motion, shape
+
+    def way(self, theta, x, expected, weight):
+        way = way_squared(self.motion, self.shape, theta, x, expected)
         return weight * (ca.sqrt(way + WAY_EPS**2) - WAY_EPS)
 
-    def change_cost(theta, x, x_1, x_2, weight):
-        return way_cost(theta, x, 2 * x_1 - x_2, weight)
+    def change(self, theta, x, x_1, x_2, weight):
+        return self.way(theta, x, 2 * x_1 - x_2, weight)
 
-    unseen = window.unseen_steps.tolist()
-    seen = sorted({*range(len(step))} - {*unseen})
-    if predicted:
 
-        def departure_cost(theta, x, x_1, motion, weight):
-            return way_cost(theta, x, x_1 + motion, weight)
-
-        nlp.minimize(
-            "least motion", departure_cost, theta, x[:, step.pose[seen]],
-            x[:, step.before[seen]], step.motion[seen], weight, role="regulariser",
-        )  # fmt: skip
-    else:
-        nlp.minimize(
-            "least motion", way_cost, theta, x[:, step.pose[seen]],
-            x[:, step.before[seen]], weight, role="regulariser",
-        )  # fmt: skip
+def add_lasting_motion(nlp, window, price, theta, x):
+    """Add the price of a change of motion while a finger that may push is not seen."""
+    step, unseen = window.step, window.unseen_steps.tolist()
     nlp.minimize(
-        "lasting motion", change_cost, theta, x[:, step.pose[unseen]],
-        x[:, step.before[unseen]], x[:, step.before_2[unseen]], weight,
+        "lasting motion", price.change, theta, x[:, step.pose[unseen]],
+        x[:, step.before[unseen]], x[:, step.before_2[unseen]], price.weight,
         role="regulariser",
     )  # fmt: skip
+
+
+def seen_of(window) -> list[int]:
+    """Return the steps in which every finger that may push is seen."""
+    return sorted({*range(len(window.step))} - {*window.unseen_steps.tolist()})

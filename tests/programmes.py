@@ -13,7 +13,7 @@ from formulations.shape import CUBOID
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
-from tactilenlp.geometry.convex_hull import more_vertices
+from tactilenlp.geometry.simplification import more_vertices
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
 from tactilenlp.solvers.options import SolverOptions

@@ -1,13 +1,20 @@
 """Paths of bodies that are known only where fingers feel them, and full geometry."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from formulations.polytope import polytope
+from formulations.quasi_static import add_least_motion, add_unpredicted_motion
+from formulations.rigid_body import PLANAR
 from formulations.shape import CUBOID
-from tactilenlp.tracking.felt_pushes import pushed_paths
+from tactilenlp import Problem, Scene
+from tactilenlp.problem.window import Steps
+from tactilenlp.search.predicted_motion import with_motion, with_pushes
+from tactilenlp.tracking.felt_pushes import pushed_paths, pushed_steps
 from tactilenlp.tracking.pushing import Move, felt_push_motion, push_motion
 
 RADIUS, HALF = 5e-3, 0.02  # [m]
@@ -90,3 +97,69 @@ def test_the_way_of_a_finger_between_two_actions_pushes_nothing():
     steps = np.diff(path[0])
     assert steps[4] == 0.0
     np.testing.assert_allclose(np.delete(steps, 4), 1e-3, rtol=1e-3)
+
+
+def path_of(data):
+    """Return the path (3, T) along which a finger pushes the body of foot 0.015 m."""
+    onset = np.full(1, 0.5)  # the share of `pushed_steps`
+    return pushed_paths(data, np.arange(12), states(0.015), onset, FRICTION)[0]
+
+
+def test_along_a_predicted_path_the_predicted_motion_is_that_of_the_path():
+    data = pushes(8e-3)
+    path = path_of(data)
+    steps = pushed_steps(data, path, 0.015, FRICTION)
+    np.testing.assert_allclose(steps[:, 1:], np.diff(path, axis=1), atol=1e-9)
+    assert not steps[:, 0].any()
+    data.contact[:] = False
+    assert not pushed_steps(data, path, 0.015, FRICTION).any()
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A window of which only its steps are read."""
+
+    step: Steps
+
+
+def window_of_steps() -> Moved:
+    """Return the steps of a window in which every sample has a pose of its own."""
+    k = np.arange(1, 12)
+    steps = Steps(k, k, k - 1, np.maximum(k - 2, 0), k / 30, np.zeros((11, 3)))
+    return Moved(steps)
+
+
+def test_predicted_motion_does_not_depend_on_where_a_body_has_its_origin():
+    """The same path of the centre of mass, told by another point of the body."""
+    data, path = pushes(8e-3), path_of(pushes(8e-3))
+    size = SimpleNamespace(size_prior=(0.03, 0.01))
+    scene = Scene(friction_ground=FRICTION[0], friction_finger=FRICTION[1])
+    job = SimpleNamespace(data=data, shape=size, scene=scene)
+    centre = np.array([4e-3, -7e-3])
+    c, s = np.cos(path[2]), np.sin(path[2])
+    turned = np.array([c * centre[0] - s * centre[1], s * centre[0] + c * centre[1]])
+    other = np.vstack([path[:2] - turned, path[2]])
+    moved = with_pushes(job, window_of_steps(), other, centre).step.motion
+    np.testing.assert_allclose(moved, np.diff(other, axis=1).T, atol=1e-9)
+    afloat = SimpleNamespace(data=data, shape=size, scene=Scene(ground=None))
+    assert not with_pushes(afloat, window_of_steps(), other).step.motion.any()
+
+
+def test_motion_costs_nothing_where_it_is_as_predicted():
+    path = path_of(pushes(8e-3))
+    window = with_motion(window_of_steps(), np.diff(path, axis=1, prepend=path[:, :1]))
+    terms = {"unpredicted motion": add_unpredicted_motion}
+    terms["least motion"], costs = add_least_motion, []
+    for name, add in terms.items():
+        nlp = Problem()
+        x = nlp.variable("x", 3, 12, guess=path, unit="m, m, rad", scale=1e-3)
+        whole = SimpleNamespace(
+            motion=PLANAR, step=window.step, unseen_steps=np.zeros(0, int)
+        )
+        add(nlp, whole, polytope(), 0.0, x)
+        (cost,) = (
+            n for n in nlp.costs if n.endswith(("least motion", "unpredicted motion"))
+        )
+        costs.append(nlp.value(cost, nlp.pack({}), nlp.data()).sum())
+    assert costs[0] == pytest.approx(0.0, abs=1e-9)
+    assert costs[1] > 1.0

@@ -201,7 +201,8 @@ def moved(ways, speed=0.0):
         [[0.0], np.cumsum(np.repeat(ways, 3) * ([0, 0, 1] * len(ways)))]
     )
     x[0, ends - 2] -= speed / 30
-    gap = Steps(ends, ends, ends - 1, ends - 2, np.full(len(ends), 1 / 30))
+    still = np.zeros((len(ends), 3))
+    gap = Steps(ends, ends, ends - 1, ends - 2, np.full(len(ends), 1 / 30), still)
     return x, SimpleNamespace(gap=gap, braking=3.0)
 
 

@@ -20,6 +20,7 @@ from formulations.polytope import (
 from tactilenlp import Problem
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
+from tactilenlp.geometry import simplification
 from tactilenlp.geometry.convex_hull import nearest_points, unseen_ball
 from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.local.local_solve import with_vertices_on_hull
@@ -194,21 +195,22 @@ def test_half_spaces_without_a_common_point_are_refused():
 
 def test_thinning_keeps_what_carries_volume():
     bumps = 1.001 * CUBE[[0, 1, 3, 2]].mean(axis=0) + np.zeros((1, 3))
-    kept = hull.fewer_vertices(np.vstack([CUBE, bumps]), 8)
+    kept = simplification.fewer_vertices(np.vstack([CUBE, bumps]), 8)
     assert sorted(kept.round(9).tolist()) == sorted(CUBE.round(9).tolist())
 
 
 def test_a_hull_of_many_vertices_keeps_its_volume_as_one_of_few_does():
     few, many = ball(300, 3), ball(1200, 3)
     shares = [
-        ConvexHull(hull.fewer_vertices(points, 40)).volume / ConvexHull(points).volume
+        ConvexHull(simplification.fewer_vertices(points, 40)).volume
+        / ConvexHull(points).volume
         for points in (few, many)
     ]
     assert shares[1] == pytest.approx(shares[0], rel=0.03)
 
 
 def test_missing_vertices_are_put_where_the_hull_stays_as_it_is():
-    more = hull.more_vertices(CUBE, 20)
+    more = simplification.more_vertices(CUBE, 20)
     assert len(more) == 20
     assert trimesh.convex.convex_hull(more).volume == pytest.approx(0.04**3)
 

@@ -17,7 +17,12 @@ from formulations.page_contract import contract_of
 from formulations.polytope import COUNTS, polytope
 from tactilenlp import Options, Scene, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
-from tactilenlp.geometry.convex_hull import with_counts, without_touch
+from tactilenlp.geometry.convex_hull import vertices_behind
+from tactilenlp.geometry.simplification import (
+    with_counts,
+    with_fewer_faces,
+    without_touch,
+)
 from tactilenlp.information.mixture import (
     occam_factor,
     occam_of_hull,
@@ -31,8 +36,9 @@ from tactilenlp.nlp.diagnostics import check
 from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
-from tactilenlp.search import polytope_init
-from tactilenlp.search.polytope_init import likeliest, search_polytope
+from tactilenlp.search import vertex_number
+from tactilenlp.search.polytope_init import search_polytope
+from tactilenlp.search.vertex_number import likeliest
 
 CUBE = 0.02 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
 PRIOR = 1 / 0.005**2  # [1/m^2]
@@ -102,10 +108,10 @@ def test_no_count_is_tried_that_a_smaller_one_has_room_for():
 
 def fitted_by(monkeypatch, fit):
     """Let fit(count) replace the fits of hulls by the quasi-static page."""
-    monkeypatch.setattr(
-        polytope_init, "by_volume", lambda job, hull, counts: map(fit, counts)
-    )
-    monkeypatch.setattr(polytope_init, "by_touches", lambda *_: [])
+    start = fit_of(0.0, 0.0).at
+    monkeypatch.setattr(vertex_number, "starts_of", lambda *_: [start])
+    fits = "with_fewer_vertices"
+    monkeypatch.setattr(vertex_number, fits, lambda job, _, counts: map(fit, counts))
 
 
 def fit_of(cost: float, occam: float, count: int = 4) -> SimpleNamespace:
@@ -195,6 +201,39 @@ def test_vertices_go_without_which_touches_stay_where_they_are():
     left = without_touch(np.vstack([CUBE, 0.02 * on_faces]), fingers, 8)
     assert len(left) == 8
     assert np.linalg.norm(left[:, None] - CUBE, axis=2).min(axis=0).max() < 1e-12
+
+
+def test_faces_that_cut_off_little_go_first():
+    """An octahedron whose corners and edges are cut off has eight faces again."""
+    octahedron = 0.03 * np.vstack([np.eye(3), -np.eye(3)])
+    face = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T / np.sqrt(3)
+    edge = np.array([[1, 1, 0], [1, 0, 1], [0, 1, -1]]) / np.sqrt(2)
+    normals = np.vstack([face, edge, np.eye(3), -np.eye(3)])
+    offsets = np.r_[np.full(8, 0.03 / 3**0.5), np.full(3, 0.0208), np.full(6, 0.0285)]
+    cut = vertices_behind(np.c_[normals, offsets])
+    assert len(cut) > 12
+    *_, body = with_fewer_faces(cut, [12, 8])
+    assert len(body) == 6
+    apart = np.linalg.norm(body[:, None] - octahedron, axis=2)
+    assert apart.min(axis=1).max() < 1e-9
+
+
+def test_faces_that_close_no_body_end_the_list():
+    assert len(with_fewer_faces(CUBE, [6, 5, 4])) == 1
+
+
+def test_a_start_that_touches_contradict_more_than_a_fit_costs_is_left_out(monkeypatch):
+    asked = []
+
+    def fits(job, start, counts):
+        asked.append(start.objective)
+        return [fit_of(5.0, 1.0)]
+
+    starts = [replace(fit_of(0.0, 0.0).at, objective=c) for c in (0.0, 5.9, 6.1)]
+    monkeypatch.setattr(vertex_number, "starts_of", lambda *_: starts)
+    monkeypatch.setattr(vertex_number, "with_fewer_vertices", fits)
+    likeliest(job_of([4]), ["hull"])
+    assert asked == [0.0, 5.9]
 
 
 def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():

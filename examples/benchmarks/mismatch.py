@@ -29,12 +29,8 @@ from trimesh.proximity import closest_point_naive
 from trimesh.transformations import translation_matrix
 
 from tactilenlp import Scene, World, surface_distance
-from tactilenlp.geometry.convex_hull import (
-    fewer_vertices,
-    hull_vertices,
-    more_vertices,
-    nearest_triangles,
-)
+from tactilenlp.geometry.convex_hull import hull_vertices, nearest_triangles
+from tactilenlp.geometry.simplification import fewer_vertices, more_vertices
 
 POINTS = 1000  # of the true surface, to which a class is fitted
 ROUNDS, STEP = 30, 0.5  # of the fit of vertices, and how far it goes each time

@@ -3,7 +3,8 @@
 In: points, half-spaces, poses, estimates.  Out: rotations, hulls, faces, ways to tip.
 
 - `transforms`: planar rotations, quaternions wxyz, poses, world to body frame
-- `convex_hull`: half-space intersection, vertex reduction, centroid, closest point
+- `convex_hull`: half-space intersection, untouched side, centroid, closest point
+- `simplification`: hulls of fewer vertices, of fewer faces, of more vertices
 - `faces`: facets merged into faces, supporting planes and their uncertainty
 - `interpolation`: gaps of time series
 - `tipping`: the kinematics of a body that tips over an edge

@@ -11,7 +11,8 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..geometry.convex_hull import hull_vertices, more_vertices
+from ..geometry.convex_hull import hull_vertices
+from ..geometry.simplification import more_vertices
 from ..geometry.tipping import planar_to_free
 from ..problem.polytope_window import window_of
 from ..problem.reductions import required_reductions

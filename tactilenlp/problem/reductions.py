@@ -200,8 +200,12 @@ def _steps(data, scene, pose, first, before, moving) -> Steps:
     one = before[samples]
     two = np.where(first[one], one, before[one])
     dt = data.time[samples] - data.time[one]
-    still = np.zeros((len(dt), 3))
-    return Steps(samples, pose[samples], pose[one], pose[two], dt, still)
+    return Steps(samples, pose[samples], pose[one], pose[two], dt, unmoved(dt))
+
+
+def unmoved(dt) -> np.ndarray:
+    """Return the motion (steps, 3) of steps, of which none is predicted."""
+    return np.zeros((len(dt), 3))
 
 
 def _gaps(data, scene, pose, first) -> Steps:
@@ -216,8 +220,7 @@ def _gaps(data, scene, pose, first) -> Steps:
     dt = np.where(
         early < last, data.time[last] - data.time[early], intervals(data)[last]
     )
-    still = np.zeros((len(dt), 3))
-    return Steps(start, pose[start], pose[last], pose[early], dt, still)
+    return Steps(start, pose[start], pose[last], pose[early], dt, unmoved(dt))
 
 
 def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:

@@ -53,7 +53,7 @@ class Samples(Rows):
 class Steps(Rows):
     """Time steps of dt [s]: index of the pose, and of one and two samples before.
 
-    motion (3,) [m, m, rad]: how a body is predicted to move in the step, none: zeros.
+    motion (3,) [m, m, rad]: how the body is predicted to move; zeros: not at all.
     """
 
     sample: np.ndarray

@@ -17,7 +17,9 @@ from formulations import polytope_extension as extension
 from formulations.names import BALL, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
+from ..geometry.convex_hull import centroid
 from ..geometry.transforms import is_planar, planar_matrix
+from ..information.goodness_of_fit import LOST
 from ..information.measurement_noise import touches
 from ..local.hypothesis import Hypothesis
 from ..local.job import Job
@@ -40,6 +42,7 @@ from ..search.polytope_init import (
     planes_on_body,
     with_credible_touches,
 )
+from ..search.predicted_motion import with_pushes
 from ..solvers.solution import Solution, after
 from .certification import restore_reductions
 from .incremental import (
@@ -51,8 +54,6 @@ from .incremental import (
 )
 
 log = logging.getLogger("tactilenlp")
-MIN_JUMP = 1e-3  # [m] of a jump between actions that is wrong
-JUMP_NOISE = 3.0  # [position noise] a jump beyond this is not measurement noise
 MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 
 
@@ -136,10 +137,8 @@ def past_information(start) -> np.ndarray:
 def implausible(solved: Solved) -> bool:
     """Tell whether a touch is not explained, or a body that friction holds jumps."""
     job = solved.job
-    jump = jumps(job.data, solved.at.x).max(initial=0.0)
-    noise = JUMP_NOISE * job.precision.position
-    jumped = jump > max(MIN_JUMP, noise) and not coasts(job.scene)
-    return jumped or unexplained_touches(solved) > 0
+    jumped = jumps(job.data, solved.at.x).max(initial=0.0) > LOST
+    return (jumped and not coasts(job.scene)) or unexplained_touches(solved) > 0
 
 
 def jumps(data, x) -> np.ndarray:
@@ -176,6 +175,8 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build_pushed, extension.PUSHED),
     ):
         window = window_of(job, (h.theta, h.x)).of_action(past.at, about)
+        centre = centroid(h.theta.reshape(-1, 3))[:2]
+        window = with_pushes(job, window, h.x, centre)
         problem = job.build(window, fill=build)
         start = {
             k: v for k, v in past.solution.values.items()

@@ -139,7 +139,9 @@ def fits_badly(request, best: Solved) -> bool:
     limit = DECISIVE + UNCHANGED * job.data.actions
     if precise(job.data, job.precision) and physics > limit:
         return True
-    if BETWEEN_ACTIONS not in problem.costs or not len(best.window.gap):
+    if not (job.shape.tracked and BETWEEN_ACTIONS in problem.costs):
+        return False
+    if not len(best.window.gap):
         return False
     x, data = best.solution.at(problem)
     return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)

@@ -16,7 +16,6 @@ import numpy as np
 from formulations import polytope_planes
 
 from ..data.contact_segments import NOISE_SIGMAS, contact_segments, samples_until
-from ..data.scene import typical_friction
 from ..geometry.convex_hull import (
     centroid,
     unseen_ball,
@@ -28,19 +27,12 @@ from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..problem.reductions import reduce
 from ..solvers.solve import solve_levels
-from ..tracking.felt_pushes import pushed_paths, pushed_steps
+from .predicted_motion import predicted_paths, with_pushes
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most
 PLANES_BEHIND = 6.0  # [nats] of these behind the best, at most
 AGREED = 2  # paths that lead to the best optimum: no others are tried
-PATHS = 15  # paths of an action that are predicted
-# What differs between these; sizes are the typical one:
-CENTRE = 0.15  # [sizes] deviation of a centre of mass
-NEAREST = 0.4  # [-] of the typical distance from the first touch to it; to 1 / this
-BEARING = -0.7, 0.7  # [rad] from the normal of the first touch
-FOOT = 0.25, 0.9  # [sizes] half the width of the support
-ONSET = 0.3, 1.0  # [-] part of a sample during which a touch that begins pushes
 TURN = 0.05  # [rad] by which paths differ
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
@@ -88,7 +80,9 @@ def _extension(job, window, faces: Faces, x) -> Faces:
     """Return planes and poses of one more action from a path x (3, T)."""
     start = continued_faces(window, faces, x)
     ways = np.diff(x, axis=1, prepend=x[:, :1])
-    window = replace(window, step=replace(window.step, motion=ways[:, window.step.sample].T))
+    window = replace(
+        window, step=replace(window.step, motion=ways[:, window.step.sample].T)
+    )
     new = of_new_action(planes_window(window, start), faces.x, len(faces.b))
     problem = replace(job, page=polytope_planes).build(new)
     plane = problem.variables["plane"]
@@ -111,17 +105,6 @@ def turn_alike(fit: Faces, other: Faces) -> bool:
     """Tell whether two bodies turn by the same angles, up to TURN, to the last pose."""
     off = fit.x[2] - other.x[2]
     return bool(np.abs(off - off[-1]).max() < TURN)
-
-
-MEAN_FOOT = 0.5  # [sizes] half the width of the support
-
-
-def with_pushes(job, window, x):
-    """Return the window with the motion that pushes cause along a path x (3, T)."""
-    foot = MEAN_FOOT * job.shape.size_prior[0]
-    motion = pushed_steps(job.data, x, foot, typical_friction(job.scene))
-    step = window.step
-    return replace(window, step=replace(step, motion=motion[:, step.sample].T))
 
 
 def solution_from(job, problem, window, faces: Faces, levels):
@@ -207,59 +190,6 @@ def _joined(job, window, fitted: Faces) -> Faces:
     if joined is not fitted:
         fitted = solved_faces(job, window, joined, polytope_planes.LEVELS[1:])
     return centred(window, fitted, job.shape.size_prior, job.scene.ground is not None)
-
-
-def predicted_paths(job, window, faces: Faces | None, samples: int) -> list[np.ndarray]:
-    """Return paths (3, samples) that a body may have taken through a new action.
-
-    The first one has it at rest.  On the ground others follow from pushes where fingers
-    felt it (felt_pushes.py), for centres of mass and supports that are drawn: about the
-    origin of `faces`; without any, behind the first touch.
-    """
-    rest, begin = resting_path(job.shape.size_prior[0], window.touch, faces, samples)
-    if job.scene.ground is None:
-        return [rest]
-    rng, before = np.random.default_rng(0), rest[:, :begin]
-    if faces is None:
-        off = behind_touch(job.shape.size_prior, window.touch, rng) - rest[:2, [begin]]
-    else:
-        off = CENTRE * job.shape.size_prior[0] * rng.normal(size=(2, PATHS))
-    foot = job.shape.size_prior[0] * rng.uniform(*FOOT, PATHS)
-    pose = rest[:, [begin]] + np.vstack([off, np.zeros(PATHS)])
-    paths = pushed_paths(
-        job.data, np.arange(begin, samples), np.vstack([foot, pose]),
-        rng.uniform(*ONSET, PATHS), typical_friction(job.scene),
-    )  # fmt: skip
-    if faces is None:
-        return [rest, *(np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths)]
-    for path, d in zip(paths, off.T, strict=True):  # of the origin, not of the centre
-        path[:2] -= rotate_planar(path[2] - path[2, 0], *d)
-    return [rest, *(np.hstack([before, path]) for path in paths)]
-
-
-def resting_path(size: float, touch, faces: Faces | None, samples: int):
-    """Return the path (3, samples) of a body at rest, and the sample when it begins.
-
-    Before any touch the body is behind the first one by a typical size [m].
-    """
-    if faces is not None:
-        known = faces.x.shape[1]
-        stays = np.repeat(faces.x[:, -1:], samples - known, axis=1)
-        return np.hstack([faces.x, stays]), known - 1
-    x = np.zeros((3, samples))
-    behind = (touch.radius[0] + size) * touch.normal[0, :2]
-    x[:2] = (touch.p_wf[0, :2] - behind)[:, None]
-    return x, touch.sample[0]
-
-
-def behind_touch(size, touch, rng) -> np.ndarray:
-    """Return places (2, PATHS) [m] of the centre of mass behind the first touch."""
-    (mean, deviation), across = size, touch.normal[0, :2]
-    way = mean + deviation * rng.normal(size=PATHS)
-    way = np.clip(way, mean * NEAREST, mean / NEAREST)
-    n = across / max(np.hypot(*across), 1e-9)
-    point = touch.p_wf[0, :2] - touch.radius[0] * across
-    return point[:, None] - way * rotate_planar(rng.uniform(*BEARING, PATHS), *n)
 
 
 def first_faces(window, x) -> Faces:

@@ -3,8 +3,8 @@
 `search_polytope` finds poses and supporting planes action by action (plane_slam.py),
 intersects the half-spaces behind the planes, between the touches and every free finger,
 above the ground and within a ball for the untouched side, and fits vertices and poses
-by the quasi-static page.  Vertices that no touch asks for are removed one after the
-other; fits of most evidence (Laplace) start the page with impulses (`likeliest`).
+by the quasi-static page, with each number of vertices (vertex_number.py).  Fits of most
+evidence start the page with impulses.
 """
 
 from __future__ import annotations
@@ -13,49 +13,34 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations import polytope_quasi_static
-
 from ..common.interrupt import interruptible
 from ..common.progress import progress
 from ..data.contact_segments import samples_until, without_outliers
 from ..errors import NoContactError, TactileError
 from ..geometry.convex_hull import (
-    CORNER,
-    MOST_OF_TOUCH,
     Ball,
-    departure,
     fingers_in_body,
     hull_vertices,
     merge_points,
-    more_vertices,
     nearest_in_hull,
     nearest_points,
     unseen_ball,
     unseen_halfspaces,
     vertices_behind,
-    with_counts,
-    with_fewer_faces,
-    without_touch,
 )
+from ..geometry.simplification import with_counts
 from ..local.hypothesis import Hypothesis
-from ..local.local_solve import built_page
-from ..local.margins import LEAST_MOTION_BEHIND
-from ..local.solved import Solved, search_settings
 from ..problem.reductions import Reductions, reduce
 from .plane_slam import (
     Faces,
     extended_faces,
     merged_faces,
     touched_halfspaces,
-    with_pushes,
 )
+from .vertex_number import counts_of, likeliest
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
-FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
-FACES = 12, 10, 9, 8, 7, 6, 5, 4  # of hulls of which vertices are removed
-ONE_BY_ONE = 10  # of fewer vertices one is removed before the next fit
-FEW = 8  # so few are corners where planes meet
 BODIES_SOLVED = 6  # by the page, of those at most LEAST_MOTION_BEHIND the best
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
@@ -152,87 +137,6 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
     ]
 
 
-def likeliest(job, hulls) -> list[Hypothesis]:
-    """Return fits of hulls at most LEAST_MOTION_BEHIND the best, which is the first.
-
-    Of each hull with each number of vertices that the shape may have, from many to few.
-    Their objective is less the evidence: what more vertices lose of it is added.
-    At a deadline those of the bodies fitted by then, one at least.
-    """
-    fits, least, counts = [], np.inf, counts_of(job.shape)
-    for start in (start for hull in hulls for start in starts_of(job, hull, counts)):
-        for fit in with_fewer_vertices(job, start, counts):
-            if not np.isfinite(fit.cost):  # it diverged
-                fits.append(replace(fit.at, objective=np.inf))
-                break
-            fits.append(replace(fit.at, objective=fit.cost + fit.occam))
-            least = min(least, fits[-1].objective)
-            if fit.cost > least or job.deadline.passed("other numbers of vertices"):
-                break  # fewer vertices do not fit better
-    fits.sort(key=lambda h: h.rank)
-    return [h for h in fits if h.objective <= fits[0].objective + LEAST_MOTION_BEHIND]
-
-
-def counts_of(shape) -> list[int]:
-    """Return the numbers of vertices that a polytope may have, descending."""
-    return sorted(shape.counts or [shape.theta // 3], reverse=True)
-
-
-def starts_of(job, hull: Hypothesis, counts) -> list[Hypothesis]:
-    """Return the bodies from whose fits vertices are removed, counts: descending.
-
-    With FIRST_COUNT vertices, since the more there are, the fewer local optima leave
-    touches unexplained; with FEW, without vertices of least volume; and with each
-    smaller count, without faces of least volume: of hulls of so many FACES, thinned to
-    the count, the one from which fingers depart least.
-    """
-    corners = hull.theta.reshape(-1, 3)
-    few, bodies = [count for count in counts if count <= FEW], []
-    if len(corners) > FEW:
-        bodies += with_counts(corners, [max(FIRST_COUNT, counts[0])])
-    bodies += with_counts(corners, few[:1])
-    if len(corners) > FEW and few:
-        data = samples_until(job.data, hull.x.shape[1])
-        window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
-        thinned = with_fewer_faces(corners, FACES)
-        thinned = [V for body in thinned for V in with_counts(body, few)]
-        for count in few:
-            some = [V for V in thinned if len(V) == count]
-            bodies += [min(some, key=lambda V: misfit(window, hull.x, V))][: len(some)]
-    return [replace(hull, theta=V.ravel()) for V in bodies]
-
-
-def misfit(window, x, vertices) -> float:
-    """Return what fingers on a hull at poses x (3, T), and free ones in it, cost."""
-    touch, free = window.touch, window.free
-    touches, others = (fingers_in_body(fingers, x) for fingers in (touch, free))
-    apart = departure(vertices, touches, touch.radius)
-    within = np.minimum(departure(vertices, others, free.radius), 0.0)
-    squared = np.r_[apart, within] ** 2 / (2 * CORNER**2)
-    return np.minimum(squared, MOST_OF_TOUCH).sum()
-
-
-def with_fewer_vertices(job, start: Hypothesis, counts):
-    """Yield fits of a body with each of the counts, each fit from the one before.
-
-    The vertex goes without which the body is as far from the touches as with it
-    (backward elimination): of few vertices one at a time.  counts: descending.
-    """
-    levels = polytope_quasi_static.STARTING
-    fit, count = polished(job, start, levels), len(start.theta) // 3
-    while True:
-        if count in counts:
-            yield fit
-        fewer = [c for c in counts if c < count]
-        if not (fewer and np.isfinite(fit.cost)):
-            return
-        count = fewer[0] if count > ONE_BY_ONE else count - 1
-        centres = fingers_in_body(fit.window.touch, fit.at.x)
-        V = without_touch(fit.at.theta.reshape(-1, 3), centres, count)
-        start = replace(fit.at, theta=more_vertices(V, count).ravel())
-        fit = polished(job, start, levels[1:])
-
-
 def has_likely_count(job, h: Hypothesis) -> bool:
     """Tell whether evidence asks for no other number of vertices than a hypothesis has.
 
@@ -275,18 +179,6 @@ def unfitted(job, faces: Faces) -> Hypothesis:
     count = counts_of(job.shape)[0]
     (V,) = with_counts(hull.theta.reshape(-1, 3), [count])
     return replace(hull, theta=V.ravel())
-
-
-def polished(job, body: Hypothesis, levels) -> Solved:
-    """Return levels of the quasi-static page solved from a body: vertices and poses."""
-    job = replace(job, page=polytope_quasi_static)
-    built = built_page(job, body)
-    window = with_pushes(job, built.window, body.x)
-    built = replace(built, problem=job.build(window), window=window)
-    start, settings = built.values_at(body), search_settings(job)
-    solved = built.solve(job, levels, start, settings=settings)
-    iterations = body.iterations + solved.solution.iterations
-    return replace(solved, hypothesis=replace(body, iterations=iterations))
 
 
 def with_credible_touches(job):

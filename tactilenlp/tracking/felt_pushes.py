@@ -16,7 +16,6 @@ from .mapped import MappedFunction, map_columns, of_columns
 from .pushing import Move, felt_push_motion
 from .tracks import PRESS
 
-
 HALF = 0.5  # [-] of a step during which a touch that begins pushes
 
 
