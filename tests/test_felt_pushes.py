@@ -148,18 +148,16 @@ def test_predicted_motion_does_not_depend_on_where_a_body_has_its_origin():
 def test_motion_costs_nothing_where_it_is_as_predicted():
     path = path_of(pushes(8e-3))
     window = with_motion(window_of_steps(), np.diff(path, axis=1, prepend=path[:, :1]))
-    terms = {"unpredicted motion": add_unpredicted_motion}
-    terms["least motion"], costs = add_least_motion, []
-    for name, add in terms.items():
+    costs = {}
+    for name, add in (
+        ("unpredicted motion", add_unpredicted_motion),
+        ("least motion", add_least_motion),
+    ):
         nlp = Problem()
         x = nlp.variable("x", 3, 12, guess=path, unit="m, m, rad", scale=1e-3)
-        whole = SimpleNamespace(
-            motion=PLANAR, step=window.step, unseen_steps=np.zeros(0, int)
-        )
+        unseen = np.zeros(0, int)
+        whole = SimpleNamespace(motion=PLANAR, step=window.step, unseen_steps=unseen)
         add(nlp, whole, polytope(), 0.0, x)
-        (cost,) = (
-            n for n in nlp.costs if n.endswith(("least motion", "unpredicted motion"))
-        )
-        costs.append(nlp.value(cost, nlp.pack({}), nlp.data()).sum())
-    assert costs[0] == pytest.approx(0.0, abs=1e-9)
-    assert costs[1] > 1.0
+        costs[name] = nlp.value(name, nlp.pack({}), nlp.data()).sum()
+    assert costs["unpredicted motion"] == pytest.approx(0.0, abs=1e-9)
+    assert costs["least motion"] > 1.0

@@ -82,7 +82,7 @@ def behind_touch(size, touch, rng) -> np.ndarray:
 def with_pushes(job, window, x, centre=(0.0, 0.0)):
     """Return a window, with the motion that pushes cause along a path x (3, T).
 
-    centre (2,) [m]: of mass, in the body's frame.  What floats is not predicted to move.
+    centre (2,) [m]: of mass, in the body's frame.  Where a body floats, none.
     """
     if job.scene.ground is None:
         return window
