@@ -32,7 +32,7 @@ from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
 from ..refinement.newton_steps import (
     as_found,
-    newly_late,
+    lost_by_latency,
     with_ground_for_turns,
     with_ground_tilt,
     with_latency,
@@ -127,8 +127,8 @@ def _search_once(
 
     incumbents: their hypotheses are continued, and replaced by those that are found;
     update: as of `optima_of`; earlier: solves of the same job, which compete.  Where
-    sensors are found to be late, which the search took for prompt, the optima are those
-    of a search from scratch with that latency.
+    sensors are found to be late, which the search took for prompt, and the fit is not
+    good, the optima are those of a search from scratch with that latency.
     """
     few = update_from_few_starts(request, incumbents)
     few = few._replace(solved=[*earlier, *few.solved])
@@ -138,7 +138,7 @@ def _search_once(
         kept, starts = initial_hypotheses(request, incumbents, few.search)
     incumbents.kept, incumbents.searched = kept, incumbents.spent
     solved = _solve_page(request, starts, incumbents, few, update)
-    if solved and newly_late(request.job, solved[0].job):
+    if solved and lost_by_latency(request.job, solved[0]):
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
@@ -237,7 +237,7 @@ def _solve_page(
         solved = few.solved if few.enough else from_starts(job, starts, few.solved)
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_latency(solved)
-        if not newly_late(request.job, solved[0].job):
+        if not lost_by_latency(request.job, solved[0]):
             solved = _with_larger_models(solved, solve_larger)
             solved = continue_if_implausible(solved, update)
     return solved or solves.best_first()

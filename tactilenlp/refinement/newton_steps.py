@@ -180,13 +180,15 @@ def as_found(job, other):
     return on_ground(job, other.scene.ground).as_late_as(other.precision)
 
 
-def newly_late(job, other) -> bool:
-    """Tell whether another job has a latency that a search of this one has not known.
+def lost_by_latency(job, best: Solved) -> bool:
+    """Tell whether a search of the job may have lost the body for want of a latency.
 
-    A job with a hypothesis is not searched.
+    It was found by the solve, which does not fit well with it either.  A job with a
+    hypothesis is not searched.
     """
-    new = other.precision.latency > job.precision.latency == 0
-    return new and job.search.hypothesis is None
+    new = best.job.precision.latency > job.precision.latency == 0
+    fits = best.fit is not None and best.fit.verdict == "good"
+    return new and not fits and job.search.hypothesis is None
 
 
 def may_be_late(job) -> bool:
