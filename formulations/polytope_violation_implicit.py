@@ -46,11 +46,10 @@ EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (
-    Level("loose", {"kappa": 2.0, "balance sigma": 0.3, "cone rounding": 0.01,
+    Level("loose", {"touch scale": 0.5e-3, "normal scale": 0.05, "kappa": 2.0,
+                    "balance sigma": 0.3, "cone rounding": 0.01,
                     "speed rounding": 6e-3},
           ipopt={"mu_init": 1e-1, "max_iter": 60}),
-    Level("firm", {"balance sigma": 0.1, "cone rounding": 5e-3, "speed rounding": 4e-3},
-          ipopt={"mu_init": 1e-2, "max_iter": 60}),
     Level("joint", rebuild=True, ipopt={"mu_init": 1e-2}),
 )  # fmt: skip
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each

@@ -23,7 +23,7 @@ from .between_actions import add_fixed_width, way_squared
 from .finger_offset import displaced
 from .level import Level
 from .likelihood import add_free, add_touches
-from .rigid_body import declare_poses
+from .rigid_body import PLANAR, declare_poses
 from .size_prior import add_size_prior, declare_sizes
 
 OFFSETS = True  # of fingers may be unknown
@@ -38,7 +38,7 @@ TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least mo
 NORMAL = 0.1  # [rad] model error of a normal, likewise
 WAY_EPS = 0.3e-3  # [m] below this, the price of motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
-UNPREDICTED = 500.0  # [nats / m] price of motion other than predicted, a third as far
+UNPREDICTED = 300.0  # [nats / m] price of motion other than predicted, a third as far
 
 
 def build(nlp, window, scene, shape):
@@ -63,7 +63,13 @@ def add_least_motion(nlp, window, shape, theta, x):
 
 
 def add_unpredicted_motion(nlp, window, shape, theta, x):
-    """Add the price of planar motion other than predicted (window.step.motion)."""
+    """Add the price of motion other than predicted (window.step.motion).
+
+    Planar motion alone is predicted: of a body in free motion, the price of all motion.
+    """
+    if window.motion is not PLANAR:
+        add_least_motion(nlp, window, shape, theta, x)
+        return
     price = Price(nlp, window, shape, UNPREDICTED)
     step, seen = window.step, seen_of(window)
 

@@ -104,8 +104,8 @@ def test_platonic_solids_lie_on_a_face_and_fill_a_sphere_of_two_centimetres(modu
 @pytest.mark.slow
 def test_a_platonic_solid_is_explored_and_every_error_told(modules):
     study, _ = modules
-    rows = study.run(3, "eig", "ours", 1, 10, "polytope")
-    assert [r["did"] for r in rows] == ["first touch", "eig"]
+    rows = study.run(3, "eig", "ours", 2, 10, "polytope")
+    assert [r["did"] for r in rows] == ["first touch", "eig", "eig"]
     assert rows[1]["gain"] > 1
     assert len(rows[-1]["vertices"]) == len(rows[-1]["vertex_nats"])
     assert len(rows[-1]["vertices"]) in COUNTS
@@ -113,7 +113,8 @@ def test_a_platonic_solid_is_explored_and_every_error_told(modules):
     for name in ("p2s_mm", "bch_mm", "position_mm", "logdet", "sigma_side_mm"):
         assert np.isfinite(rows[-1][name])
     # Its faces are 15.9 mm from the centre, its vertices 20 mm: a ball is 4.1 mm off.
-    assert rows[-1]["p2s_mm"] < rows[0]["p2s_mm"] < 4.1
+    # After the first touch two bodies, 2.5 and 10.6 mm off, are as likely (0.4 nats).
+    assert rows[-1]["p2s_mm"] < min(rows[0]["p2s_mm"], 4.1)
 
 
 def test_a_trial_that_breaks_is_a_row_and_counts_as_infinitely_wrong(

@@ -85,8 +85,7 @@ def test_the_past_is_posed_again_as_it_was_solved(early):
     assert not incremental_polytope.implausible(past)
     x = past.solution.values["x"].copy()
     second = past.job.data.action[past.window.last] == early.measurements.action[-1]
-    noise = incremental_polytope.JUMP_NOISE * past.job.precision.position
-    x[0, second] += 2 * max(incremental_polytope.MIN_JUMP, noise)
+    x[0, second] += 2 * incremental_polytope.LOST
     values = {**past.solution.values, "x": x}
     assert incremental_polytope.implausible(
         replace(past, solution=replace(past.solution, values=values))

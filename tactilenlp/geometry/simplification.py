@@ -6,7 +6,7 @@ Lengths in [m], body frame.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from .convex_hull import (
     centroid,
@@ -89,10 +89,18 @@ def with_fewer_faces(points, counts) -> list[np.ndarray]:
     faces, bodies = polar(points - centre), []
     for count in counts:
         faces = fewer_vertices(faces, count)
-        if ConvexHull(faces).equations[:, 3].max() >= 0:
+        if not holds_origin(faces):
             break
         bodies.append(hull_vertices(merge_points(polar(faces))) + centre)
     return bodies
+
+
+def holds_origin(points) -> bool:
+    """Tell whether the origin lies within the hull of points (n, 3)."""
+    try:
+        return bool(ConvexHull(points).equations[:, 3].max() < 0)
+    except QhullError:  # of points in a plane
+        return False
 
 
 def polar(points) -> np.ndarray:

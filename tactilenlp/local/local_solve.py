@@ -11,7 +11,7 @@ import numpy as np
 
 from formulations.rigid_body import PLANAR
 
-from ..geometry.convex_hull import hull_vertices
+from ..geometry.convex_hull import hull_vertices, volume
 from ..geometry.simplification import more_vertices
 from ..geometry.tipping import planar_to_free
 from ..problem.polytope_window import window_of
@@ -24,6 +24,7 @@ from .solved import BuiltPage, Solved
 
 RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
 RESTART_MU = 1e-5  # IPOPT's mu_init from a solution that lacks only what was dropped
+COLLAPSED = "Collapsed_Body"  # status of a solve whose next level has no body
 RESTARTED = ("theta", "x", "body")  # unknowns of a rebuilt page that it guesses itself
 
 
@@ -149,10 +150,19 @@ def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
         for levels in groups:
             if job.deadline.passed("all levels of the page"):
                 break
+            if _collapsed(solved):
+                failed = replace(solved.solution, success=False, status=COLLAPSED)
+                return replace(solved, solution=failed)
             solved = _rebuilt(job, solved, levels)
         else:
             return solved
     return replace(solved, solution=unfinished(solved.solution))
+
+
+def _collapsed(solved: Solved) -> bool:
+    """Tell whether the vertices where a solve ended lie in a plane: no body is left."""
+    at, shape = solved.at, solved.job.shape
+    return shape.window_depends_on_start and not volume(at.theta.reshape(-1, 3))
 
 
 def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:

@@ -27,7 +27,7 @@ from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..problem.reductions import reduce
 from ..solvers.solve import solve_levels
-from .predicted_motion import predicted_paths, with_pushes
+from .predicted_motion import predicted_paths, with_motion, with_pushes
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most
@@ -66,30 +66,27 @@ def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
     turns differ.
     """
     fits = []
-    for x in predicted_paths(job, window, faces, samples):
+    for path in predicted_paths(job, window, faces, samples):
         if fits and job.deadline.passed("other paths of an action"):
             break
-        fits.append(_extension(job, window, faces, x))
+        fits.append(_extension(job, window, faces, path))
         best = min(fits, key=lambda fit: fit.objective)
         if sum(turn_alike(fit, best) for fit in fits) == AGREED:
             break
     return of_distinct_turns(fits)
 
 
-def _extension(job, window, faces: Faces, x) -> Faces:
-    """Return planes and poses of one more action from a path x (3, T)."""
-    start = continued_faces(window, faces, x)
-    ways = np.diff(x, axis=1, prepend=x[:, :1])
-    window = replace(
-        window, step=replace(window.step, motion=ways[:, window.step.sample].T)
-    )
+def _extension(job, window, faces: Faces, path) -> Faces:
+    """Return planes and poses of one more action from a predicted path."""
+    start = continued_faces(window, faces, path.x)
+    window = with_motion(window, np.diff(path.x, axis=1, prepend=path.x[:, :1]))
     new = of_new_action(planes_window(window, start), faces.x, len(faces.b))
     problem = replace(job, page=polytope_planes).build(new)
     plane = problem.variables["plane"]
     held = plane.first + np.arange(plane.rows * len(faces.b))
     levels = [replace(level, fixed=(held,)) for level in polytope_planes.LEVELS]
     fit = faces_from(new, start, solution_from(job, problem, new, start, levels))
-    return replace(fit, objective=faces.objective + fit.objective)
+    return replace(fit, objective=faces.objective + fit.objective + path.cost)
 
 
 def of_distinct_turns(fits) -> list[Faces]:
@@ -165,15 +162,16 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     if kept:
         starts = [x for one in kept for x in extensions(job, window, one, samples)]
         starts = [merged_faces(window, start) for start in best_of(starts)]
-        ways = [(start, part) for start in starts for part in (levels, levels[1:])]
+        ways = [(start, part, 0) for start in starts for part in (levels, levels[1:])]
     else:
         paths = predicted_paths(job, window, None, samples)
-        ways = [(first_faces(window, x), levels) for x in paths]
+        ways = [(first_faces(window, path.x), levels, path.cost) for path in paths]
     fits = []
-    for start, part in ways:
+    for start, part, cost in ways:
         if fits and job.deadline.passed("other paths of an action"):
             break
-        fits.append(solved_faces(job, window, start, part))
+        fit = solved_faces(job, window, start, part)
+        fits.append(replace(fit, objective=fit.objective + cost))
     joined = [_joined(job, window, fit) for fit in best_of(fits)]
     return sorted(joined, key=lambda fit: round(fit.objective, 3))
 

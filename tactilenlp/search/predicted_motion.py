@@ -9,6 +9,7 @@ usual ones.  What a page then prices is the motion other than predicted
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,15 @@ ONSET = 0.3, 1.0  # [-] part of a sample during which a touch that begins pushes
 USUAL_FOOT = 0.5  # [sizes] half the width of the support of a body that is known
 
 
-def predicted_paths(job, window, faces, samples: int) -> list[np.ndarray]:
-    """Return paths (3, samples) that a body may have taken through a new action.
+class PredictedPath(NamedTuple):
+    """Poses x (3, T), and the cost [nats] of what was drawn for it: by its prior."""
+
+    x: np.ndarray
+    cost: float
+
+
+def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
+    """Return paths of `samples` poses that a body may have taken through a new action.
 
     The first one has it at rest.  On the ground others follow from pushes where fingers
     felt it (felt_pushes.py), for centres of mass and supports that are drawn: about the
@@ -35,12 +43,14 @@ def predicted_paths(job, window, faces, samples: int) -> list[np.ndarray]:
     """
     rest, begin = resting_path(job.shape.size_prior[0], window.touch, faces, samples)
     if job.scene.ground is None:
-        return [rest]
+        return [PredictedPath(rest, 0.0)]
     rng, before = np.random.default_rng(0), rest[:, :begin]
     if faces is None:
-        off = behind_touch(job.shape.size_prior, window.touch, rng) - rest[:2, [begin]]
+        places, costs = behind_touch(job.shape.size_prior, window.touch, rng)
+        off = places - rest[:2, [begin]]
     else:
-        off = CENTRE * job.shape.size_prior[0] * rng.normal(size=(2, PATHS))
+        draws = rng.normal(size=(2, PATHS))
+        off, costs = CENTRE * job.shape.size_prior[0] * draws, (draws**2).sum(0) / 2
     foot = job.shape.size_prior[0] * rng.uniform(*FOOT, PATHS)
     pose = rest[:, [begin]] + np.vstack([off, np.zeros(PATHS)])
     paths = pushed_paths(
@@ -48,10 +58,12 @@ def predicted_paths(job, window, faces, samples: int) -> list[np.ndarray]:
         rng.uniform(*ONSET, PATHS), typical_friction(job.scene),
     )  # fmt: skip
     if faces is None:
-        return [rest, *(np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths)]
-    for path, d in zip(paths, off.T, strict=True):  # of the origin, not of the centre
-        path[:2] -= rotate_planar(path[2] - path[2, 0], *d)
-    return [rest, *(np.hstack([before, path]) for path in paths)]
+        paths = [np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths]
+    else:
+        for path, d in zip(paths, off.T, strict=True):  # of the origin, not the centre
+            path[:2] -= rotate_planar(path[2] - path[2, 0], *d)
+        paths = [np.hstack([before, path]) for path in paths]
+    return [PredictedPath(rest, 0.0), *map(PredictedPath, paths, costs)]
 
 
 def resting_path(size: float, touch, faces, samples: int):
@@ -69,14 +81,19 @@ def resting_path(size: float, touch, faces, samples: int):
     return x, touch.sample[0]
 
 
-def behind_touch(size, touch, rng) -> np.ndarray:
-    """Return places (2, PATHS) [m] of the centre of mass behind the first touch."""
+def behind_touch(size, touch, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Return places (2, PATHS) [m] of the centre of mass behind the first touch.
+
+    And the cost (PATHS,) [nats] of each.
+    """
     (mean, deviation), across = size, touch.normal[0, :2]
     way = mean + deviation * rng.normal(size=PATHS)
     way = np.clip(way, mean * NEAREST, mean / NEAREST)
+    bearing = rng.uniform(*BEARING, PATHS)
+    cost = ((way - mean) / deviation) ** 2 / 2 + (bearing / np.std(BEARING)) ** 2 / 2
     n = across / max(np.hypot(*across), 1e-9)
     point = touch.p_wf[0, :2] - touch.radius[0] * across
-    return point[:, None] - way * rotate_planar(rng.uniform(*BEARING, PATHS), *n)
+    return point[:, None] - way * rotate_planar(bearing, *n), cost
 
 
 def with_pushes(job, window, x, centre=(0.0, 0.0)):
