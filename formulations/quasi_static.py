@@ -38,7 +38,7 @@ TOUCH = 0.3e-3  # [m] model error of a touched gap where motion is only least mo
 NORMAL = 0.1  # [rad] model error of a normal, likewise
 WAY_EPS = 0.3e-3  # [m] below this, the price of motion is quadratic
 WEIGHT = 300.0  # [nats / m] price of motion
-UNPREDICTED = 500.0  # [nats / m] price of motion other than predicted, a third as far
+UNPREDICTED = 500.0  # [nats / m] price of motion that pushes do not predict
 
 
 def build(nlp, window, scene, shape):

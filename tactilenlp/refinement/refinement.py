@@ -117,11 +117,12 @@ def update_costs_too_much(request, best: Solved) -> bool:
 def fits_badly(request, best: Solved) -> bool:
     """Tell whether a body on the ground may have moved otherwise than it was found.
 
-    Its touches cost more than expected: the fit is not good; or it moved between two
-    actions though its speed did not carry it on; or precise touches agree with poses
-    that physics does not, by more than each action leaves.  Another search finds more
-    where it goes action by action, is less sure of how pushes move a body, or sure that
-    nobody carries it.  Of a class with sizes that is no box, the class may be wrong.
+    Its touches cost more than expected: the fit is not good; or, of a class with sizes,
+    it moved between two actions though its speed did not carry it on; or precise
+    touches agree with poses that physics does not, by more than each action leaves.
+    Another search finds more where it goes action by action, is less sure of how pushes
+    move a body, or sure that nobody carries it.  Of a class with sizes that is no box,
+    the class may be wrong.
     """
     job = best.job
     sought = job.shape.faced or not job.shape.tracked

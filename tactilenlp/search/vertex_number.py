@@ -16,7 +16,7 @@ import numpy as np
 from formulations import polytope_quasi_static
 
 from ..data.contact_segments import samples_until
-from ..geometry.convex_hull import centroid, departure, fingers_in_body
+from ..geometry.convex_hull import centroid, departure, fingers_in_body, volume
 from ..geometry.simplification import (
     CORNER,
     MOST_OF_TOUCH,
@@ -98,7 +98,7 @@ def of_few_faces(job, hull: Hypothesis, few) -> list[Hypothesis]:
     window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
     starts: dict[int, Hypothesis] = {}
     for body in with_fewer_faces(hull.theta.reshape(-1, 3), FACES):
-        for V in with_counts(body, few):
+        for V in filter(volume, with_counts(body, few)):
             cost = misfit(window, hull.x, V)
             if len(V) not in starts or cost < starts[len(V)].objective:
                 starts[len(V)] = replace(hull, theta=V.ravel(), objective=cost)
