@@ -17,8 +17,9 @@ of nu = STEP_FREEDOM, between actions GAP_FREEDOM, a Cauchy density.  Most steps
 predicted, but a body may slip, or snap between two fingers.  A second search is less
 sure of pushes (refinement/refinement.py): it has PROCESS_NOISE_FACTOR s in place of s
 in steps.  GAP is that of formulations/between_actions.py: editing it changes the prior
-of the pages as well.  Polytopes are not tracked: search/plane_slam.py has constants of
-its own.
+of the pages as well.  Polytopes are not tracked: their paths are predicted with the
+constants of search/predicted_motion.py, and formulations/quasi_static.py prices motion
+other than predicted (UNPREDICTED).
 """
 
 from __future__ import annotations
