@@ -141,4 +141,9 @@ def _loss(rest, whole: float, centres, apart) -> float:
     if not len(centres):
         return share
     farther = np.linalg.norm(centres - nearest_points(rest, centres), axis=1) - apart
-    return share + np.minimum((farther / CORNER) ** 2 / 2, MOST_OF_TOUCH).sum()
+    return share + touch_cost(farther)
+
+
+def touch_cost(off) -> float:
+    """Return what touches that are off a hull (n,) [m] cost in all [nats]."""
+    return float(np.minimum((off / CORNER) ** 2 / 2, MOST_OF_TOUCH).sum())

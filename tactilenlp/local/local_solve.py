@@ -17,6 +17,7 @@ from ..geometry.tipping import planar_to_free
 from ..problem.polytope_window import window_of
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
+from ..problem.window import Window
 from ..solvers.solution import Solution, after, unfinished
 from .hypothesis import Hypothesis
 from .job import Job
@@ -37,11 +38,16 @@ def built_page(job: Job, hypothesis=None) -> BuiltPage:
     hypothesis: where it is solved from; reach and contacts of polytopes depend on it.
     """
     began = time.process_time()
-    made = required_reductions(job.page, job.reductions)
-    guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
-    window = window_of(replace(job, reductions=made), guess)
+    window = page_window(job, hypothesis)
     problem = job.build(window)
     return BuiltPage(problem, window, hypothesis, time.process_time() - began)
+
+
+def page_window(job: Job, hypothesis=None) -> Window:
+    """Return the window that a job's page reads, solved from a hypothesis."""
+    made = required_reductions(job.page, job.reductions)
+    guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
+    return window_of(replace(job, reductions=made), guess)
 
 
 # Solves from a hypothesis

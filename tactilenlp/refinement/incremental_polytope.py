@@ -18,9 +18,10 @@ from formulations.names import BALL, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..geometry.convex_hull import centroid
-from ..geometry.transforms import is_planar, planar_matrix
+from ..geometry.transforms import planar_matrix
 from ..information.goodness_of_fit import LOST
 from ..information.measurement_noise import touches
+from ..information.trajectory import moved_farther
 from ..local.hypothesis import Hypothesis
 from ..local.job import Job
 from ..local.local_solve import continuation, warm_started
@@ -33,7 +34,7 @@ from ..local.solved import (
 )
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
 from ..problem.polytope_window import PolytopeWindow, window_of
-from ..problem.reductions import Reductions, coasts
+from ..problem.reductions import Reductions
 from ..problem.unreduced import matching_contacts
 from ..problem.window import Corners
 from ..search.plane_slam import poses_of_new_action
@@ -135,21 +136,9 @@ def past_information(start) -> np.ndarray:
 
 
 def implausible(solved: Solved) -> bool:
-    """Tell whether a touch is not explained, or a body that friction holds jumps."""
-    job = solved.job
-    jumped = jumps(job.data, solved.at.x).max(initial=0.0) > LOST
-    return (jumped and not coasts(job.scene)) or unexplained_touches(solved) > 0
-
-
-def jumps(data, x) -> np.ndarray:
-    """Return the jumps (actions - 1,) [m] of a body at poses x between actions.
-
-    Along the ground; in planar motion a radian of turn counts as ARM.
-    """
-    first = 1 + np.nonzero(np.diff(data.action))[0]  # of all actions but one
-    jump = x[:, first] - x[:, first - 1]
-    turn = ARM * jump[2] if is_planar(x) else 0.0
-    return np.hypot(np.linalg.norm(jump[:2], axis=0), turn)
+    """Tell whether a touch is not explained, or the body was lost between actions."""
+    moved = moved_farther(solved.solution.values["x"], solved.window, LOST)
+    return moved or unexplained_touches(solved) > 0
 
 
 def unexplained_touches(solved: Solved) -> int:

@@ -21,14 +21,14 @@ PATHS = 15  # paths of an action that are predicted
 # What differs between these; sizes are the typical one:
 CENTRE = 0.15  # [sizes] deviation of a centre of mass
 NEAREST = 0.4  # [-] of the typical distance from the first touch to it; to 1 / this
-BEARING = -0.7, 0.7  # [rad] from the normal of the first touch
+BEARING = 0.7  # [rad] from the normal of the first touch, most; its deviation in costs
 FOOT = 0.25, 0.9  # [sizes] half the width of the support
 ONSET = 0.3, 1.0  # [-] part of a sample during which a touch that begins pushes
 USUAL_FOOT = 0.5  # [sizes] half the width of the support of a body that is known
 
 
 class PredictedPath(NamedTuple):
-    """Poses x (3, T), and the cost [nats] of what was drawn for it: by its prior."""
+    """Poses x (3, T), and the cost [nats] of the centre of mass drawn for it."""
 
     x: np.ndarray
     cost: float
@@ -89,8 +89,8 @@ def behind_touch(size, touch, rng) -> tuple[np.ndarray, np.ndarray]:
     (mean, deviation), across = size, touch.normal[0, :2]
     way = mean + deviation * rng.normal(size=PATHS)
     way = np.clip(way, mean * NEAREST, mean / NEAREST)
-    bearing = rng.uniform(*BEARING, PATHS)
-    cost = ((way - mean) / deviation) ** 2 / 2 + (bearing / np.std(BEARING)) ** 2 / 2
+    bearing = rng.uniform(-BEARING, BEARING, PATHS)
+    cost = ((way - mean) / deviation) ** 2 / 2 + (bearing / BEARING) ** 2 / 2
     n = across / max(np.hypot(*across), 1e-9)
     point = touch.p_wf[0, :2] - touch.radius[0] * across
     return point[:, None] - way * rotate_planar(bearing, *n), cost

@@ -3,8 +3,8 @@
 A hull of many half-spaces is fitted by the quasi-static page (vertices, poses).  The
 vertex that touches need least goes, and the rest is fitted again, down to the fewest
 that the shape may have.  Where each of many vertices is near its place, fits of few are
-still in a wrong optimum, so that simpler hulls start fits of their own: those of fewest
-vertices, and those of fewest faces.  Laplace's evidence compares all fits.
+still in a wrong optimum, so that simpler hulls start fits of their own: those of few
+vertices, and those of few faces.  Laplace's evidence compares all fits.
 """
 
 from __future__ import annotations
@@ -18,17 +18,16 @@ from formulations import polytope_quasi_static
 from ..data.contact_segments import samples_until
 from ..geometry.convex_hull import centroid, departure, fingers_in_body, volume
 from ..geometry.simplification import (
-    CORNER,
-    MOST_OF_TOUCH,
     more_vertices,
+    touch_cost,
     with_counts,
     with_fewer_faces,
     without_touch,
 )
 from ..local.hypothesis import Hypothesis
-from ..local.local_solve import built_page
+from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
-from ..local.solved import Solved, search_settings
+from ..local.solved import BuiltPage, Solved, search_settings
 from ..problem.reductions import reduce
 from .predicted_motion import with_pushes
 
@@ -47,6 +46,8 @@ def likeliest(job, hulls) -> list[Hypothesis]:
     """
     counts, fits, least = counts_of(job.shape), [], np.inf
     for start in (start for hull in hulls for start in starts_of(job, hull, counts)):
+        if fits and job.deadline.passed("other numbers of vertices"):
+            break
         if start.objective > least:
             continue
         for fit in with_fewer_vertices(job, start, counts):
@@ -59,8 +60,6 @@ def likeliest(job, hulls) -> list[Hypothesis]:
                 break  # fewer vertices do not fit better
             if fits and job.deadline.passed("other numbers of vertices"):
                 break
-        if fits and job.deadline.left <= 0:
-            break
     fits.sort(key=lambda h: h.rank)
     return [h for h in fits if h.objective <= fits[0].objective + LEAST_MOTION_BEHIND]
 
@@ -108,16 +107,12 @@ def of_few_faces(job, hull: Hypothesis, few) -> list[Hypothesis]:
 
 
 def misfit(window, x, vertices) -> float:
-    """Return what touches off a hull at poses x (3, T), and free fingers in it, cost.
-
-    In nats: by CORNER, at most MOST_OF_TOUCH each.
-    """
+    """Return what touches off a hull at poses x (3, T), and fingers in it, cost."""
     touch, free = window.touch, window.free
     touches, others = (fingers_in_body(fingers, x) for fingers in (touch, free))
     apart = departure(vertices, touches, touch.radius)
     within = np.minimum(departure(vertices, others, free.radius), 0.0)
-    squared = np.r_[apart, within] ** 2 / (2 * CORNER**2)
-    return float(np.minimum(squared, MOST_OF_TOUCH).sum())
+    return touch_cost(np.r_[apart, within])
 
 
 def with_fewer_vertices(job, start: Hypothesis, counts):
@@ -142,10 +137,9 @@ def with_fewer_vertices(job, start: Hypothesis, counts):
 def polished(job, body: Hypothesis, levels) -> Solved:
     """Return levels of the quasi-static page solved from a body: vertices and poses."""
     job = replace(job, page=polytope_quasi_static)
-    built = built_page(job, body)
     centre = centroid(body.theta.reshape(-1, 3))[:2]
-    window = with_pushes(job, built.window, body.x, centre)
-    built = replace(built, problem=job.build(window), window=window)
+    window = with_pushes(job, page_window(job, body), body.x, centre)
+    built = BuiltPage(job.build(window), window, body)
     start, settings = built.values_at(body), search_settings(job)
     solved = built.solve(job, levels, start, settings=settings)
     iterations = body.iterations + solved.solution.iterations

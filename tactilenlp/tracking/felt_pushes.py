@@ -30,17 +30,9 @@ def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
     foot, pose, motion = z[:1], z[1:], np.zeros_like(z[1:])
     paths = np.empty((*pose.T.shape, len(samples)))
     paths[:, :, 0] = pose.T
-    touched = data.contact & data.valid
     for k, t in enumerate(samples[1:], 1):
-        pushed = touched[t] & (data.action[t] == data.action[t - 1])
-        active = np.flatnonzero(pushed)
-        if len(active):
-            step = _step_of(data, t, active, touched[t - 1], onset)
-            state = np.vstack([foot, pose])
-            (motion,) = _push(len(active))(state, motion, *step, np.array(friction))
-            pose = pose + motion
-        else:
-            motion = np.zeros_like(motion)
+        motion = _pushed(data, t, np.vstack([foot, pose]), motion, onset, friction)
+        pose = pose + motion
         paths[:, :, k] = pose.T
     return paths
 
@@ -50,18 +42,24 @@ def pushed_steps(data, x, foot, friction) -> np.ndarray:
 
     Its centre of mass is its origin.  foot [m], friction: as of `pushed_paths`.
     """
-    touched, steps = data.contact & data.valid, np.zeros(x.shape)
-    motion = np.zeros((3, 1))
+    steps, onset = np.zeros(x.shape), np.array([HALF])
     for t in range(1, x.shape[1]):
-        active = np.flatnonzero(touched[t] & (data.action[t] == data.action[t - 1]))
-        if not len(active):
-            motion = np.zeros((3, 1))
-            continue
-        step = _step_of(data, t, active, touched[t - 1], np.full(1, HALF))
-        state = np.vstack([[[foot]], x[:, [t - 1]]])
-        (motion,) = _push(len(active))(state, motion, *step, np.array(friction))
-        steps[:, [t]] = motion
+        z, before = np.r_[foot, x[:, t - 1]][:, None], steps[:, [t - 1]]
+        steps[:, [t]] = _pushed(data, t, z, before, onset, friction)
     return steps
+
+
+def _pushed(data, t, z, before, onset, friction) -> np.ndarray:
+    """Return the motion (3, S) of bodies z (4, S) in the step to sample t.
+
+    before (3, S): that of the step before; no motion where nothing is felt.
+    """
+    touched = data.contact & data.valid
+    active = np.flatnonzero(touched[t] & (data.action[t] == data.action[t - 1]))
+    if not len(active):
+        return np.zeros_like(before)
+    step = _step_of(data, t, active, touched[t - 1], onset)
+    return _push(len(active))(z, before, *step, np.array(friction))[0]
 
 
 def _step_of(data, t, active, before, onset) -> tuple:
