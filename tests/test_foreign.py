@@ -169,10 +169,11 @@ def test_a_recording_at_a_high_rate_is_tracked_as_well(foreign):
         ("none", "", 29),  # a path that jumps by 5 mm between two actions
         ("normals noisy", "15 deg", 20),  # noise that looks like a rim
         ("normals turned", "5 deg", 45),  # turns that look like a rim
+        ("pushed high", "0.9", 9860),  # a tilt by 1.2 deg that looks like a rim
     ],
 )
 def test_no_size_is_beyond_three_sigma(foreign, departure, strength, box):
-    """These were 7, 49 and 35 sigma off with a good fit."""
+    """These were 7, 49, 35 and 18 sigma off with a good fit."""
     data, scene, true = foreign.measured(departure, strength, box, 4)
     estimate = solve_estimate(data, scene)
     end = data.samples - 1

@@ -10,8 +10,10 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-from ..local.local_solve import solved_from, warm_started
-from ..local.margins import RESTORED
+import numpy as np
+
+from ..local.local_solve import freed_to_tilt, solved_from, warm_started
+from ..local.margins import DECISIVE, RESTORED
 from ..local.solved import Solved
 from ..problem.certificates import certify
 from ..problem.outliers import unexplained_by_action
@@ -19,8 +21,12 @@ from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
 from .newton_steps import with_ground_tilt
-from .profile_likelihood import PROFILE_MU, profile_deviations
-from .tilt import explains_touches, with_tilt
+from .profile_likelihood import (
+    PROFILE_MU,
+    profile_deviations,
+    untouched_height_sigma,
+)
+from .tilt import explains_touches, may_tilt, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -49,7 +55,7 @@ def with_profiles(best) -> Solved:
     """Return a solve with profile likelihoods, if Options asks for them.
 
     Where one of its solves meets a better optimum, that one, if it stays better with
-    nothing held.
+    nothing held; in free motion, where flat poses alone tell the height.
     """
     slid = best.solution.success and "planar" not in best.certificates.broken
     job = best.job
@@ -62,7 +68,32 @@ def with_profiles(best) -> Solved:
         again = restore_reductions(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
         profile, _ = profile_deviations(best, seeks=False)
-    return replace(best, profile=profile)
+    return with_height_open(replace(best, profile=profile))
+
+
+def with_height_open(flat) -> Solved:
+    """Return a solve with profiles: in free motion where this opens a height, or flat.
+
+    Felt normals lean where fingers meet the rim of the top, which tells the height of a
+    flat body, and where the body tilts, which leaves it open.  The evidence of free
+    motion is larger by what the objective falls, and by the log of how much wider the
+    height is; flat poses must be decisively likelier to be believed.
+    """
+    told = untouched_height_sigma(flat)
+    if told is None or told >= flat.job.shape.typical_deviation:
+        return flat
+    if not may_tilt(flat.job) or flat.job.deadline.passed("a height left open"):
+        return flat
+    free = flat.job.with_reductions(planar=False)
+    tilted = restore_reductions(freed_to_tilt(free, flat))
+    profile, _ = profile_deviations(tilted, seeks=False)
+    tilted = replace(tilted, profile=profile)
+    wider = untouched_height_sigma(tilted)
+    if wider is None or not tilted.solution.success:
+        return flat
+    gain = flat.solution.objective - tilted.solution.objective + np.log(wider / told)
+    log.info("a tilt that leaves the height open is likelier by %.1f nats", gain)
+    return tilted if gain > -DECISIVE else flat
 
 
 def restore_reductions(solved) -> Solved:
