@@ -158,12 +158,11 @@ def with_latency(solves) -> list[Solved]:
     prompt = solves[0]
     if not (may_be_late(prompt.job) and prompt.solution.success):
         return solves
-    late, doubt = _latency_by_steps(prompt)
-    needed = UNCHANGED
-    if prompt.job.precision.latency == 0:
-        occam = np.log(LATENCY * np.sqrt(doubt.information))
-        needed = needed_gain(misfit_of(prompt).spread, occam)
-    if late.cost > prompt.cost - needed:
+    needed = _needed_for_latency(prompt, doubt := _doubt_at(prompt))
+    if prompt.job.precision.latency == 0 and misfit_of(prompt).excess < needed:
+        return solves
+    late, doubt = _latency_by_steps(prompt, doubt)
+    if late.cost > prompt.cost - _needed_for_latency(prompt, doubt):
         return solves
     precision = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
     log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
@@ -196,13 +195,24 @@ def may_be_late(job) -> bool:
     return job.scene.latency is None and "prompt" in job.contract.freed
 
 
-def _latency_by_steps(best: Solved) -> tuple[Solved, Doubt]:
+def _needed_for_latency(prompt: Solved, doubt: Doubt) -> float:
+    """Return by how many nats a latency must lower the objective to be believed.
+
+    doubt: what is known of it; where an earlier solve found one, a change of it is due.
+    """
+    if prompt.job.precision.latency > 0:
+        return UNCHANGED
+    occam = np.log(LATENCY * np.sqrt(doubt.information))
+    return needed_gain(misfit_of(prompt).spread, occam)
+
+
+def _latency_by_steps(best: Solved, doubt: Doubt) -> tuple[Solved, Doubt]:
     """Return a solve with the latency that Newton steps lead to, and the doubt left.
 
-    A step that gained more than expected is doubled next, one that gained nothing is
+    doubt: of the given solve.  A step that gained more than expected is doubled next, one that gained nothing is
     halved: contacts that begin or end make the curvature too large, or too small.
     """
-    doubt, factor, failed = _doubt_at(best), 1.0, 0
+    factor, failed = 1.0, 0
     while failed < MAX_FAILED:
         if factor <= 1 and factor * doubt.gain < UNCHANGED:
             break

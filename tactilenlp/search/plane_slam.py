@@ -162,15 +162,15 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     if kept:
         starts = [x for one in kept for x in extensions(job, window, one, samples)]
         starts = [merged_faces(window, start) for start in best_of(starts)]
-        ways = [(start, part, 0) for start in starts for part in (levels, levels[1:])]
+        ways = [(start, 0.0) for start in starts]
     else:
         paths = predicted_paths(job, window, None, samples)
-        ways = [(first_faces(window, path.x), levels, path.cost) for path in paths]
+        ways = [(first_faces(window, path.x), path.cost) for path in paths]
     fits = []
-    for start, part, cost in ways:
+    for start, cost in ways:
         if fits and job.deadline.passed("other paths of an action"):
             break
-        fit = solved_faces(job, window, start, part)
+        fit = solved_faces(job, window, start, levels)
         fits.append(replace(fit, objective=fit.objective + cost))
     joined = [_joined(job, window, fit) for fit in best_of(fits)]
     return sorted(joined, key=lambda fit: round(fit.objective, 3))

@@ -41,7 +41,7 @@ from .vertex_number import counts_of, likeliest
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
-BODIES_SOLVED = 6  # by the page, of those at most LEAST_MOTION_BEHIND the best
+BODIES_SOLVED = 5  # by the page, of those at most LEAST_MOTION_BEHIND the best
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
 

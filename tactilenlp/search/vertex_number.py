@@ -24,7 +24,7 @@ from ..geometry.simplification import (
     with_fewer_faces,
     without_touch,
 )
-from ..local.hypothesis import Hypothesis
+from ..local.hypothesis import Hypothesis, same_body
 from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, search_settings
@@ -60,8 +60,21 @@ def likeliest(job, hulls) -> list[Hypothesis]:
                 break  # fewer vertices do not fit better
             if fits and job.deadline.passed("other numbers of vertices"):
                 break
-    fits.sort(key=lambda h: h.rank)
+    fits = of_distinct_bodies(job, fits)
     return [h for h in fits if h.objective <= fits[0].objective + LEAST_MOTION_BEHIND]
+
+
+def of_distinct_bodies(job, fits) -> list[Hypothesis]:
+    """Return fits, the best first, of which no two with as many vertices are one body.
+
+    At the end of any action; a closed one stands for both.
+    """
+    ends, chosen = np.flatnonzero(np.diff(job.data.action, append=np.inf)), []
+    for h in sorted(fits, key=lambda h: (not h.closed, h.rank)):
+        others = (other for other in chosen if other.theta.size == h.theta.size)
+        if not any(same_body(job.shape, h, other, ends) for other in others):
+            chosen.append(h)
+    return sorted(chosen, key=lambda h: h.rank)
 
 
 def counts_of(shape) -> list[int]:
