@@ -49,7 +49,7 @@ LEVELS = (
     Level("loose", {"touch scale": 0.5e-3, "normal scale": 0.05, "kappa": 2.0,
                     "balance sigma": 0.3, "cone rounding": 0.01,
                     "speed rounding": 6e-3},
-          ipopt={"mu_init": 1e-1, "max_iter": 60}),
+          ipopt={"mu_init": 1e-1, "max_iter": 60, "tol": 1e-3}),
     Level("joint", rebuild=True, ipopt={"mu_init": 1e-2}),
 )  # fmt: skip
 MOMENTS = ca.DM([1e-6] + 3 * [1e-8] + 6 * [1e-10])  # [m^3, m^4, m^5] scale of each
