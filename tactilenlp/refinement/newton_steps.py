@@ -159,7 +159,8 @@ def with_latency(solves) -> list[Solved]:
     if not (may_be_late(prompt.job) and prompt.solution.success):
         return solves
     needed = _needed_for_latency(prompt, doubt := _doubt_at(prompt))
-    if prompt.job.precision.latency == 0 and misfit_of(prompt).excess < needed:
+    found = prompt.job.precision.latency > 0
+    if not found and max(misfit_of(prompt).excess, doubt.gain) < needed:
         return solves
     late, doubt = _latency_by_steps(prompt, doubt)
     if late.cost > prompt.cost - _needed_for_latency(prompt, doubt):
