@@ -25,7 +25,11 @@ from tactilenlp.errors import PageError, SceneError
 from tactilenlp.information.error_budget_terms import missing_impulses
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import Solvers, solve, solve_levels
 
@@ -121,7 +125,7 @@ def begun(recorded):
     def solved(page):
         made = required_reductions(page, Reductions())
         known = (data, scene, CUBOID, precision, made)
-        window, problem = reduce(*known, guess=(theta, x)), Problem()
+        window, problem = window_of_samples(*known, guess=(theta, x)), Problem()
         page.build(problem, window, scene, CUBOID)
         start = {"theta": theta, "x": x[:, window.last]}
         return SimpleNamespace(

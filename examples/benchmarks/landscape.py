@@ -36,7 +36,11 @@ from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix
 from tactilenlp.nlp.codegen import compiled
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import Solvers, solve
 
@@ -72,7 +76,8 @@ class Recording:
     def problem(self, page):
         made = required_reductions(page, Reductions(still=False, far=False))
         known = self.data, self.scene, CUBOID, self.precision, made
-        window, problem = reduce(*known, guess=(self.theta, self.x)), Problem()
+        window = window_of_samples(*known, guess=(self.theta, self.x))
+        problem = Problem()
         page.build(problem, window, self.scene, CUBOID)
         return problem, window
 

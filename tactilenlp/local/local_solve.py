@@ -14,7 +14,7 @@ from formulations.rigid_body import PLANAR
 from ..geometry.convex_hull import hull_vertices, volume
 from ..geometry.simplification import more_vertices
 from ..geometry.tipping import planar_to_free
-from ..problem.polytope_window import window_of
+from ..problem.polytope_window import build_window
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
 from ..problem.window import Window
@@ -47,7 +47,7 @@ def page_window(job: Job, hypothesis=None) -> Window:
     """Return the window that a job's page reads, solved from a hypothesis."""
     made = required_reductions(job.page, job.reductions)
     guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
-    return window_of(replace(job, reductions=made), guess)
+    return build_window(replace(job, reductions=made), guess)
 
 
 # Solves from a hypothesis

@@ -30,7 +30,7 @@ from ..geometry.convex_hull import (
 )
 from ..geometry.simplification import with_counts
 from ..local.hypothesis import Hypothesis
-from ..problem.reductions import Reductions, reduce
+from ..problem.reductions import Reductions, window_of_samples
 from .plane_slam import (
     Faces,
     extended_faces,
@@ -160,7 +160,9 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     where planes and ground close it.
     """
     data = samples_until(job.data, faces.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     ground = job.scene.ground is not None
     arguments = window, faces, job.shape.size_prior, ground
     theta = corners_behind_planes(*arguments).ravel()
@@ -201,7 +203,9 @@ def with_credible_touches(job):
 def planes_on_body(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
     data = samples_until(job.data, h.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     centre = fingers_in_body(window.touch, h.x)
     point = nearest_points(h.theta.reshape(-1, 3), centre)
     n = centre - point

@@ -28,7 +28,7 @@ from ..local.hypothesis import Hypothesis, same_body
 from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, search_settings
-from ..problem.reductions import reduce
+from ..problem.reductions import window_of_samples
 from .predicted_motion import with_pushes
 
 FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
@@ -107,7 +107,9 @@ def of_few_faces(job, hull: Hypothesis, few) -> list[Hypothesis]:
     fit of more that costs less is likelier.
     """
     data = samples_until(job.data, hull.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     starts: dict[int, Hypothesis] = {}
     for body in with_fewer_faces(hull.theta.reshape(-1, 3), FACES):
         for V in filter(volume, with_counts(body, few)):
