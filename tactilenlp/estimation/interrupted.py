@@ -88,7 +88,7 @@ def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
         request = replace(request, data=data, job=job)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
-    kept = incumbents.kept if job.shape.tracked else [solved.at]
+    kept = [solved.at] if job.shape.of_vertices else incumbents.kept
     seconds = {**solved.solution.seconds, "total": incumbents.spent}
     estimate = read_off(request, solved, kept, seconds, NEVER)
     words = f"interrupted, {data.actions} of {whole} actions"

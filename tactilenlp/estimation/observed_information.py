@@ -186,7 +186,7 @@ def problem_of(
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
         return past_solution(job.as_late_as(at.sensors), at).problem
-    if job.shape.window_depends_on_start:
+    if job.shape.of_vertices:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",
             got=job.shape.name, expected="an Estimate of these measurements",

@@ -87,7 +87,7 @@ class ExpectedInformation:
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
         self._free = has_free_poses(estimate, self.shape)
-        if self.shape.last_pose_held:
+        if self.shape.of_vertices:
             self._sensors = polytope_beliefs.hull_sensor_model(estimate)
             self.beliefs = [polytope_beliefs.belief_of(estimate, self.shape)]
         else:

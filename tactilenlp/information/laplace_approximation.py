@@ -44,7 +44,7 @@ def information_of(
     kkt, tangent = linearisation.kkt, solved.tangent
     by_ground, ground = response_to_ground(linearisation, tangent)
     response = linearisation.response(tangent.chosen, tangent.jacobian, by_ground)
-    if solved.window.shape.last_pose_held:
+    if solved.window.shape.of_vertices:
         fields, errors = _of_vertices(response, solved, faces)
     else:
         fields, errors = _of_sizes(response, solved, faces, others)

@@ -115,7 +115,7 @@ class Linearisation:
         """The body's middle (3,) [m] at the last sample, ground frame."""
         theta, x = self.values["theta"], self.values["x"][:, -1:]
         shape, motion = self.window.shape, self.window.motion
-        if shape.last_pose_held:
+        if shape.of_vertices:
             return theta.mean(axis=1)
         return pose_jacobians(shape, motion, theta[:, 0], x)[0][0]
 

@@ -98,7 +98,7 @@ def response_to_ground(linearisation: Linearisation, tangent) -> tuple:
     window = linearisation.window
     if linearisation.tilt is None:
         return 0.0, None
-    if window.shape.last_pose_held:
+    if window.shape.of_vertices:
         vertices = linearisation.slopes_by_tilt(linearisation.values["theta"].T)
         return vertices[:, :3].reshape(-1, 2), None
     p = linearisation.end[None]

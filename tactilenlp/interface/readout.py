@@ -59,7 +59,7 @@ def read_off(
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
-    body = (read_hull if job.shape.last_pose_held else read_sized)(job, solved)
+    body = (read_hull if job.shape.of_vertices else read_sized)(job, solved)
     information = information_in_time(job, solved, body["faces"], modes)
     status = deadline.marked(solution.status)
     fit = with_doubts(solved.fit, solved.skipped)
@@ -189,7 +189,7 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
         kkt = kkt_system_of(solved.problem, solved.solution, job.deadline)
         job.deadline.check()
         linearisation = Linearisation(kkt, job, solved.window)
-        optima = [] if job.shape.last_pose_held else [mode.optimum for mode in modes]
+        optima = [] if job.shape.of_vertices else [mode.optimum for mode in modes]
         return information_of(linearisation, solved, faces, optima)
     except OutOfTime:
         job.deadline.omit("standard deviations")
@@ -257,7 +257,7 @@ def information_of_prior(job, solved) -> Information:
     solution, tangent = solved.solution, solved.tangent
     shape, k = solved.window.shape, len(tangent.names)
     C = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
-    if shape.last_pose_held:  # all of them may be elsewhere together
+    if shape.of_vertices:  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (k // 3, 1))
         C += REACHED**2 * along @ along.T
     matrix = np.linalg.inv(C)

@@ -168,7 +168,7 @@ def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
 def _collapsed(solved: Solved) -> bool:
     """Tell whether the vertices where a solve ended lie in a plane: no body is left."""
     at, shape = solved.at, solved.job.shape
-    return shape.window_depends_on_start and not volume(at.theta.reshape(-1, 3))
+    return shape.of_vertices and not volume(at.theta.reshape(-1, 3))
 
 
 def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
@@ -176,7 +176,7 @@ def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
 
     No contact sees a vertex inside.  Other shapes have none.
     """
-    if not shape.window_depends_on_start:
+    if not shape.of_vertices:
         return h
     vertices = h.theta.reshape(-1, 3)
     onto = more_vertices(hull_vertices(vertices), len(vertices))

@@ -257,7 +257,7 @@ def build_window(job: Job, guess=None, resting=None) -> Window:
     of the guess.
     """
     shape = job.shape
-    near_start = shape.window_depends_on_start and guess is not None
+    near_start = shape.of_vertices and guess is not None
     if near_start:
         vertices = np.reshape(guess[0], (-1, 3))
         shape = with_supports(shape, vertices)
