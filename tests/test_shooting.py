@@ -266,7 +266,7 @@ def test_the_envelope_gradient_is_that_of_the_inner_minimum(begun):
     start = {n: found.solution.values[n] for n in ("theta", "x", "finger", "ground")}
     # Off the optimum, where gaps are zero and min(0, phi)^2 bends.
     start["theta"] = start["theta"] + 1e-3
-    solver = Solvers(problem).kept(options)
+    solver = Solvers(problem).solver_for(options)
 
     def inner(start):
         return solve(

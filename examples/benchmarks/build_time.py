@@ -74,7 +74,7 @@ def built(way, h) -> tuple[Problem, list[float]]:
     times.append(process_time())
     _ = problem.assembly.functions
     times.append(process_time())
-    Solvers(problem).kept(SolverOptions())
+    Solvers(problem).solver_for(SolverOptions())
     return problem, np.diff([*times, process_time()]).tolist()
 
 

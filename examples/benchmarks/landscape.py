@@ -71,7 +71,7 @@ class Recording:
         self.paths, self.lam = {}, {}
         self.rolled, _ = self.problem(multiple_shooting)
         self.vimp, self.window = self.problem(violation_implicit)
-        self.solver = Solvers(self.vimp).kept(SolverOptions(tolerance=1e-5))
+        self.solver = Solvers(self.vimp).solver_for(SolverOptions(tolerance=1e-5))
 
     def problem(self, page):
         made = required_reductions(page, Reductions(still=False, far=False))

@@ -139,7 +139,7 @@ def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingS
     """
     guess = first_guess(request.start, job.shape, frame_of(job.scene.ground))
     job = job.with_search(guess=guess)
-    if not default_cache().functions and job.deadline.left > AMPLE:
+    if not default_cache().functions_by_key and job.deadline.left > AMPLE:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)
