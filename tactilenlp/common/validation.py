@@ -65,8 +65,8 @@ def numbers_of(
     if fit and valid and not (positive and (array <= 0).any()):
         return array
     words = ", ".join("..." if n is ... else str(n) for n in shape)
-    words = f"({words}{',' * (len(shape) == 1)}) {'finite ' * finite}numbers {unit}"
-    words = words.rstrip() + ", above 0" * positive
+    words = f"({words}{',' * (len(shape) == 1)})"
+    words += f" {'finite ' * finite}{'positive ' * positive}numbers {unit}".rstrip()
     what = "out of range" if fit and raw is not None else "not an array of this shape"
     if not sizes:
         what, words = "no numbers", "a number or an array of numbers"

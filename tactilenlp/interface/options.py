@@ -23,7 +23,7 @@ from ..problem.reductions import REDUCTION_NAMES, Reductions
 from ..solvers.options import check_positive
 
 MOST_STARTS = 1_000_000  # [-] hypotheses or starts
-TURN = 2 * np.pi  # [rad] of a guess's yaw at most
+MAX_YAW = 2 * np.pi  # [rad] of a guess
 # (hypotheses, starts) for noisy, for precise sensors.  Of 22 noisy recordings four
 # starts end higher than six in one, by 0.2 nats; three miss that of a poor guess.
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
@@ -132,7 +132,7 @@ class Guess:
         of_sizes = "start.side_lengths", self.side_lengths, StartError, "n"
         sides = numbers_of(*of_sizes, unit="[m]", positive=True)
         place = checked_place("start.position", self.position, StartError, FARTHEST)
-        check_range("start.yaw", self.yaw, -TURN, TURN, "[rad]", StartError)
+        check_range("start.yaw", self.yaw, -MAX_YAW, MAX_YAW, "[rad]", StartError)
         object.__setattr__(self, "side_lengths", sides)
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "yaw", float(self.yaw))
