@@ -195,8 +195,9 @@ def expected_information_gain(
 ) -> float:
     """Return EIG = (logdet(I + F) - logdet(I)) / 2 of an action, in nats (eq:eig).
 
-    The action aims at the estimated centroid.  For the options, and for many actions of
-    one estimate, see ExpectedInformation.
+    The action aims at the estimated centroid.  hypotheses: how many are averaged over;
+    slopes: "motion" or "identity"; shape: the Shape of the estimate if it is your own.
+    For many actions of one estimate, and for what is raised, see ExpectedInformation.
     """
     check_types(action=(action, Action))
     space = action.workspace
