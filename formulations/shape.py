@@ -81,12 +81,11 @@ class Shape:
     What differs between classes of shapes:
     opposite_faces: whether theta (3,) are distances of opposite faces, as of a cuboid,
     on any of which it may lie.  It starts from the face that the first touch met.
-    tracked: whether a search tracks sizes and planar poses, and predicts how pushes
-    move it; False, of vertices alone: it starts from supporting planes of its touches,
-    and one hypothesis is carried to the next action.
-    last_pose_held: whether the body's axes are the world's at the last sample.
-    window_depends_on_start: whether a page's contacts follow from where theta starts,
-    as each reads the vertices near it: each start needs a window of its own.
+    of_vertices: whether theta lists the vertices of a hull, at the last sample, along
+    the world's axes: the last pose is no unknown.  No sizes are tracked: a search
+    starts from supporting planes of the touches, and carries one hypothesis to the next
+    action.  A contact reads the vertices that are near it where theta starts: each
+    start needs a window of its own.
     counts: numbers of vertices, of which the evidence chooses one; empty: as many as
     theta lists.
     own_pages: the formulations that have a page of this class alone, which is
@@ -115,9 +114,7 @@ class Shape:
     reach: Callable = half_diagonal
     mirrored: bool = True
     opposite_faces: bool = False
-    tracked: bool = True
-    last_pose_held: bool = False
-    window_depends_on_start: bool = False
+    of_vertices: bool = False
     counts: tuple[int, ...] = ()
     own_pages: tuple[str, ...] = ()
     symbol: Callable = ca.SX.sym

@@ -18,7 +18,7 @@ OPTIONAL = {  # may be None
     "foot_squared": "theta, R_wo", "pushed": "shape, theta", "rounded": "theta, r",
     "mesh": "theta", "support": "theta, n", "inertia": "theta",
 }  # fmt: skip
-LOGICAL = "mirrored", "tracked", "last_pose_held", "window_depends_on_start", "round"
+LOGICAL = "mirrored", "of_vertices", "round"
 PAIRS = "bounds", "size_prior"
 WORDS = "words", "units", "own_pages"
 LISTS = "symmetries", "quantities"

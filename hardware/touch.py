@@ -86,9 +86,9 @@ class Hysteresis:
 
         least: the smallest allowed `on`, in the unit of the sensor.
         """
-        quiet = numbers_of("quiet", quiet, FrameError, "n")
+        quiet = numbers_of("quiet", quiet, FrameError, "n", finite=True)
         check_range("least", least, 0.0, LARGEST, "", FrameError)
-        if quiet.size < 2 or not np.isfinite(quiet).all():
+        if quiet.size < 2:
             expected, fix = "two finite strengths or more", "record without contact"
             raise FrameError("nothing to learn", expected=expected, next=fix)
         mean, sigma = quiet.mean(), quiet.std()

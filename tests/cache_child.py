@@ -36,7 +36,10 @@ def solve(environment, patch, answer):
     patch()
     found = []
     for origin in ("one", "two"):
-        one = codegen.kept(["value"], origin) or codegen.begun(functions(), origin)()
+        one = (
+            codegen.compiled_earlier(["value"], origin)
+            or codegen.start_compilation(functions(), origin)()
+        )
         found.append((one[0].class_name(), float(one[0](3.0, 2.0))))
     answer.send((found, [words for level, words in said if level >= logging.WARNING]))
 

@@ -63,7 +63,9 @@ def _replace_the_default_cache(patch):
     from tactilenlp.nlp import term_functions
 
     patch.setattr(term_functions, "_default", term_functions.TermFunctionCache())
-    patch.setattr(term_functions, "begun", lambda functions, *_: lambda: functions)
+    patch.setattr(
+        term_functions, "start_compilation", lambda functions, *_: lambda: functions
+    )
     return term_functions.default_cache()
 
 
@@ -173,7 +175,9 @@ def truth(recorded, touched):
 @pytest.fixture
 def interpreted(monkeypatch):
     """Derive every term function anew, evaluated by the virtual machine: its cache."""
-    monkeypatch.setattr("tactilenlp.nlp.term_functions.kept", lambda *_: None)
+    monkeypatch.setattr(
+        "tactilenlp.nlp.term_functions.compiled_earlier", lambda *_: None
+    )
     return _replace_the_default_cache(monkeypatch)
 
 

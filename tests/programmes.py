@@ -15,7 +15,11 @@ from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.geometry.simplification import more_vertices
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import solve
 
@@ -26,7 +30,7 @@ SENSORS = Precision(position=0.0, normal=0.0)
 def programme(page, data, scene, choice=None, finger=None):
     """Return the problem and the window that a page makes of data."""
     choice = required_reductions(page, choice or Reductions())
-    window = reduce(data, scene, CUBOID, SENSORS, choice)
+    window = window_of_samples(data, scene, CUBOID, SENSORS, choice)
     if finger is not None:
         window = replace(window, **finger(window))
     problem = Problem()

@@ -19,13 +19,14 @@ def test_compilers_run_beside_each_other(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     x = ca.SX.sym("x")
     waiting = [
-        codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in (3, 4, 5)
+        codegen.start_compilation([ca.Function("value", [x], [x**k])], f"{k}")
+        for k in (3, 4, 5)
     ]
     assert 1 <= len(compilation._running) <= (os.cpu_count() or 1)
     values = [float(made()[0](2.0)) for made in waiting]
     assert values == [8.0, 16.0, 32.0]
     assert not compilation._running
-    assert codegen.kept(["value"], "4")[0].class_name() == COMPILED
+    assert codegen.compiled_earlier(["value"], "4")[0].class_name() == COMPILED
 
 
 def forked(compute):
@@ -46,11 +47,16 @@ def test_a_fork_leaves_the_compilers_of_its_parent_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     x = ca.SX.sym("x")
     powers = range(3, 3 + (os.cpu_count() or 1))  # as many as may run
-    begun = [codegen.begun([ca.Function("value", [x], [x**k])], f"{k}") for k in powers]
+    begun = [
+        codegen.start_compilation([ca.Function("value", [x], [x**k])], f"{k}")
+        for k in powers
+    ]
     assert compilation._running
 
     def compute():
-        (another,) = codegen.begun([ca.Function("value", [x], [x - 1])], "another")()
+        (another,) = codegen.start_compilation(
+            [ca.Function("value", [x], [x - 1])], "another"
+        )()
         (first,) = begun[0]()
         return [f.class_name() for f in (another, first)], float(first(2.0))
 

@@ -65,7 +65,9 @@ def test_no_compiler_is_started_after_a_deadline(monkeypatch):
     )
     x = ca.SX.sym("x")
     value = ca.Function("value", [x], [x * time.time()])
-    assert codegen.begun([value], deadline=Deadline.within(0.0))() == [value]
+    assert codegen.start_compilation([value], deadline=Deadline.within(0.0))() == [
+        value
+    ]
 
 
 @pytest.fixture(scope="module", params=["cuboid", "polytope"])

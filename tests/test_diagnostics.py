@@ -37,13 +37,13 @@ def test_a_good_problem_passes_its_check():
 def test_a_wrong_derivative_is_found_and_named(which):
     problem = merged()
     term = problem.constraints["lever"]
-    made, place = [*term.function.made()], {"first": 1, "second": 2}[which]
-    right = made[place]
+    parts, place = [*term.function.compiled()], {"first": 1, "second": 2}[which]
+    right = parts[place]
     symbols = [ca.MX.sym("s", *right.size_in(i)) for i in range(right.n_in())]
     out = right.call(symbols)
     wrong = ca.Function("wrong", symbols, [*out[:-1], out[-1] * 1.01])
-    made[place] = wrong
-    falsified = replace(term.function, made=lambda: made)
+    parts[place] = wrong
+    falsified = replace(term.function, compiled=lambda: parts)
     problem.constraints["lever"] = replace(term, function=falsified)
     report = problem.check()
     word = {"first": "Jacobian", "second": "Hessian"}[which]

@@ -107,7 +107,7 @@ def test_the_pages_readme_lists_what_pages_read_of_a_window():
 
 def test_the_pages_readme_states_the_flags_of_every_class():
     text = (ROOT / "formulations" / "README.md").read_text(encoding="utf-8")
-    head = "| class | `tracked` | `faced` | `rolls` | start |\n|---|---|---|---|---|\n"
+    head = "| class | `of_vertices` | `faced` | `rolls` | start |\n"
     table = text.split(head)[1].split("\n\n")[0]
     faced = replace(tactilenlp.CYLINDER, theta=3, opposite_faces=True, name="own")
     classes = {
@@ -118,7 +118,7 @@ def test_the_pages_readme_states_the_flags_of_every_class():
     for name, shape in classes.items():
         (row,) = (line for line in table.splitlines() if name in line)
         said = [cell.strip() == "yes" for cell in row.split("|")[2:5]]
-        assert said == [shape.tracked, shape.faced, shape.rolls], name
+        assert said == [shape.of_vertices, shape.faced, shape.rolls], name
 
 
 @pytest.mark.slow

@@ -21,8 +21,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import SceneError
-from tactilenlp.geometry.faces import polygons
-from tactilenlp.interface.readout import touched_polygons
+from tactilenlp.geometry.faces import polygons, touched_polygons
 from tactilenlp.interface.request import hypotheses_to_continue, make_job
 from tactilenlp.refinement.incremental_polytope import is_one_action_more
 from tactilenlp.search.proposals_floating import (

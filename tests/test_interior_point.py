@@ -144,7 +144,7 @@ TARGETS = [2.0, 0.3, 0.4], [1.0, 3.0, 4.0], [-4.0, 0.6, 0.8]
 
 @pytest.mark.parametrize("problem", [*map(cone, TARGETS), ring()], ids=[*"abc", "ring"])
 def test_an_optimum_and_its_multipliers_are_those_of_ipopt(problem):
-    assert isinstance(Solvers(problem).kept(TIGHT), InteriorPoint)
+    assert isinstance(Solvers(problem).solver_for(TIGHT), InteriorPoint)
     ours = solve(problem, TIGHT)
     other = solve(problem, solver=make_ipopt(problem.assembly, TIGHT))
     assert (ours.solver, other.solver) == ("interior_point", "ipopt")
@@ -179,9 +179,11 @@ def test_a_page_ends_where_ipopt_ends(recorded, estimate):
 
 
 def test_many_equations_and_options_of_ipopt_alone_are_left_to_ipopt():
-    assert not isinstance(Solvers(pendulum()).kept(SolverOptions()), InteriorPoint)
+    assert not isinstance(
+        Solvers(pendulum()).solver_for(SolverOptions()), InteriorPoint
+    )
     watched = SolverOptions(ipopt={"watchdog_trial_iter_max": 3})
-    assert not isinstance(Solvers(decay()[0]).kept(watched), InteriorPoint)
+    assert not isinstance(Solvers(decay()[0]).solver_for(watched), InteriorPoint)
 
 
 def test_an_option_of_zero_switches_the_early_end_off():

@@ -41,7 +41,7 @@ def bowl():
 
 def test_a_solve_that_was_interrupted_does_not_come_back_with_a_status():
     problem = bowl()
-    inner = Solvers(problem).kept(SolverOptions())
+    inner = Solvers(problem).solver_for(SolverOptions())
 
     class Deaf:
         """A solver in which somebody presses Ctrl-C."""

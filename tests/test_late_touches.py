@@ -15,16 +15,16 @@ LATE = 1e-4  # [s]
 
 
 @pytest.fixture(scope="module")
-def doubt(programme):
+def lag(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
     at = Linearisation(kkt, programme.job, programme.window)
-    return kkt, at.doubts["late touches"]
+    return kkt, at.consider_parameters["late touches"]
 
 
-def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
-    kkt, late = doubt
+def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, lag):
+    kkt, late = lag
     pulls, _ = kkt.sensitivity(programme.tangent.chosen)
-    told = -pulls.T @ late.slope
+    told = -pulls.T @ late.slope[:, 0]
 
     def lagging(lag):
         return fingers_earlier(programme.window, programme.job.data, lag)
@@ -33,8 +33,8 @@ def test_the_error_by_a_lag_is_how_the_optimum_moves_with_it(programme, doubt):
     assert told == pytest.approx(moved, abs=0.05 * np.abs(moved).max())
 
 
-def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
-    kkt, late = doubt
+def test_a_lag_moves_the_body_on_by_its_velocity(programme, lag):
+    kkt, late = lag
     window, problem = programme.window, programme.problem
     at = Linearisation(kkt, programme.job, window)
     v, _, ahead = at.motions.T
@@ -47,10 +47,10 @@ def test_a_lag_moves_the_body_on_by_its_velocity(programme, doubt):
         assert v[step.pose[k]] == pytest.approx(way / step.dt[k])
     assert not v[np.setdiff1d(np.arange(window.poses), step.pose)].any()
     pulls = np.zeros((problem.size, 1))
-    assert late.covariance(pulls, np.ones(1)) == pytest.approx(late.squared)
-    still = replace(late, slope=np.zeros(problem.size))
+    assert late.covariance(pulls, np.ones((1, 1))) == pytest.approx(late.squared)
+    still = replace(late, slope=np.zeros((problem.size, 1)))
     assert still.covariance(pulls + 1.0) == pytest.approx(0.0)
 
 
-def test_sensors_in_time_are_told_from_late_ones_within_a_few_milliseconds(doubt):
-    assert np.sqrt(doubt[1].squared) < LATENCY / 3
+def test_sensors_in_time_are_told_from_late_ones_within_a_few_milliseconds(lag):
+    assert np.sqrt(lag[1].squared) < LATENCY / 3

@@ -13,7 +13,7 @@ from tactilenlp import solve_estimate
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix
 from tactilenlp.problem.missing_samples import LONG_WAY, unseen_contact
-from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.problem.reductions import Reductions, window_of_samples
 from tactilenlp.tracking.geometry import geometry_of
 
 WEIGHT = 9.81  # [m/s^2] times mass and time step
@@ -84,7 +84,7 @@ def test_a_missing_sample_in_a_touch_keeps_its_impulse(two_actions):
     t, f = pushing(data)
     lost = one(data, t, f)
     whole, window = (
-        reduce(d, scene, CUBOID, SENSORS, Reductions()) for d in (data, lost)
+        window_of_samples(d, scene, CUBOID, SENSORS, Reductions()) for d in (data, lost)
     )
     assert len(whole.unseen) == 0
     assert len(window.touch) == len(whole.touch) - 1
@@ -237,7 +237,9 @@ def test_the_steps_of_a_later_action_keep_what_was_not_seen(two_actions):
     lost = np.zeros_like(data.valid)
     lost[-12:-8] = True
     data = without(data, lost)
-    window = reduce(data, scene, CUBOID, precision_of(data, scene), Reductions())
+    window = window_of_samples(
+        data, scene, CUBOID, precision_of(data, scene), Reductions()
+    )
     first = int(np.flatnonzero(data.action == data.action[-1])[0])
     later = replace(window, **window.of_later_steps(first))
     assert len(later.unseen_steps)

@@ -14,7 +14,7 @@ from formulations.shape import CUBOID
 from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.problem.reductions import Reductions, window_of_samples
 
 SCENE = Scene()
 W = SCENE.mass * 9.81 / 30  # [N s] the weight over a step
@@ -33,7 +33,9 @@ def free(recorded):
     x = np.vstack([truth["object_position"][:T].T, turn.as_rotvec().T])
     theta = truth["side_lengths"]
     off = Reductions(planar=False, absent=False)
-    window = reduce(data, SCENE, CUBOID, Precision(0, 0), off, guess=(theta, x))
+    window = window_of_samples(
+        data, SCENE, CUBOID, Precision(0, 0), off, guess=(theta, x)
+    )
     assert window.motion is FREE
     assert min(map(len, (window.lift, window.push, window.gap, window.rest))) > 0
     problem = Problem()

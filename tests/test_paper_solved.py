@@ -10,7 +10,7 @@ from tactilenlp.data.scene import Scene
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.errors import NotConverged
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce
+from tactilenlp.problem.reductions import Reductions, window_of_samples
 
 SCENE = Scene()
 W = SCENE.mass * 9.81 / 30  # [N s] the weight over a step
@@ -40,7 +40,9 @@ def test_two_actions_end_converged_or_in_the_typed_error(recorded):
 def test_without_ground_or_gravity_the_page_has_neither(recorded):
     data, scene, _ = recorded
     loose = Scene(scene.mass, ground=None, gravity=0.0, friction_finger=None)
-    window = reduce(data, loose, CUBOID, Precision(0, 0), Reductions(planar=False))
+    window = window_of_samples(
+        data, loose, CUBOID, Precision(0, 0), Reductions(planar=False)
+    )
     problem = Problem()
     paper.build(problem, window, loose, CUBOID)
     assert not [name for name in problem.terms if name.startswith("ground d")]

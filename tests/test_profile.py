@@ -269,7 +269,7 @@ def test_a_better_optimum_is_returned():
 
 def test_a_body_without_sides_has_no_profile():
     job = SimpleNamespace(
-        shape=replace(CUBOID, last_pose_held=True),
+        shape=replace(CUBOID, of_vertices=True),
         reductions=SimpleNamespace(planar=True),
     )
     found, better = profile_deviations(SimpleNamespace(at=AT, job=job))

@@ -15,7 +15,7 @@ from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.missing_samples import possible_contact
-from tactilenlp.problem.reductions import Reductions, may_move, reduce
+from tactilenlp.problem.reductions import Reductions, may_move, window_of_samples
 from tactilenlp.problem.static_friction import LONGEST_SLIP, slip_gains
 from tactilenlp.problem.unreduced import transferred_values
 from tactilenlp.solvers.options import SolverOptions
@@ -31,7 +31,7 @@ def found(touched):
 
 def programme(data, scene, h, off=()):
     known = CUBOID, precision_of(data, scene), Reductions.of(off)
-    window = reduce(data, scene, *known, guess=(h.theta, h.x))
+    window = window_of_samples(data, scene, *known, guess=(h.theta, h.x))
     problem = Problem()
     page.build(problem, window, scene, CUBOID)
     return problem, {"theta": h.theta, "x": h.x[:, window.last]}
@@ -79,7 +79,7 @@ def test_what_is_far_or_absent_leaves_the_optimum_where_it_is(found, name):
     exact = SolverOptions(tolerance=1e-8)
     known = CUBOID, precision_of(data, scene)
     windows = [
-        reduce(data, scene, *known, Reductions.of(off), guess=(h.theta, h.x))
+        window_of_samples(data, scene, *known, Reductions.of(off), guess=(h.theta, h.x))
         for off in ((), name)
     ]
     lean, whole = Problem(), Problem()
@@ -108,7 +108,7 @@ def test_multipliers_follow_contacts_where_a_constraint_says_so_not_by_its_name(
 
     capped, problems = extend("violation_implicit", cap), []
     windows = [
-        reduce(data, scene, *known, Reductions.of(off), guess=(h.theta, h.x))
+        window_of_samples(data, scene, *known, Reductions.of(off), guess=(h.theta, h.x))
         for off in ((), "still")
     ]
     for window in windows:
@@ -212,7 +212,7 @@ def test_a_sample_that_comes_twice_is_no_time_step(recorded):
     twice = replace(data, **arrays)
     precision = precision_of(data, scene)
     one, two = (
-        reduce(d, scene, CUBOID, precision, Reductions(still=False))
+        window_of_samples(d, scene, CUBOID, precision, Reductions(still=False))
         for d in (data, twice)
     )
     assert two.poses == one.poses
@@ -271,7 +271,7 @@ def test_a_touch_is_doubted_by_the_rate_of_wrong_booleans(found):
     data, scene, _ = found
     known = CUBOID, precision_of(data, scene), Reductions.of(())
     costs = [
-        reduce(data, replace(scene, flip_rate=rate), *known).outlier_cost
+        window_of_samples(data, replace(scene, flip_rate=rate), *known).outlier_cost
         for rate in (0.05, 0.001, None, 0.0)
     ]
     assert costs[0] == pytest.approx(3.0, abs=0.01)  # -log(0.05)

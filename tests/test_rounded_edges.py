@@ -53,7 +53,7 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
     theta = kkt.problem.variables["theta"].span
     chosen = np.arange(theta.start, theta.stop)
     by_gradient, _ = kkt.sensitivity(chosen)
-    told = at.doubts["rounded edges"].covariance(by_gradient)
+    told = at.consider_parameters["rounded edges"].covariance(by_gradient)
     told = np.sqrt(np.diag(told))
 
     def optimum(r):

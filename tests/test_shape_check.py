@@ -104,7 +104,7 @@ def test_what_disagrees_is_named_with_the_remedy(what):
     [
         ("corners", np.ma.masked_array(np.zeros((2, 3)))), ("size_prior", (0.05, 1j)),
         ("theta", 10**9), ("bounds", (0.0, np.nan)), ("distance", "far"),
-        ("tracked", memoryview(b"sizes")), ("name", None), ("mirrored", 1),
+        ("of_vertices", memoryview(b"sizes")), ("name", None), ("mirrored", 1),
         ("opposite_faces", True),
     ],
 )  # fmt: skip

@@ -25,7 +25,11 @@ from tactilenlp.errors import PageError, SceneError
 from tactilenlp.information.error_budget_terms import missing_impulses
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import Solvers, solve, solve_levels
 
@@ -121,7 +125,7 @@ def begun(recorded):
     def solved(page):
         made = required_reductions(page, Reductions())
         known = (data, scene, CUBOID, precision, made)
-        window, problem = reduce(*known, guess=(theta, x)), Problem()
+        window, problem = window_of_samples(*known, guess=(theta, x)), Problem()
         page.build(problem, window, scene, CUBOID)
         start = {"theta": theta, "x": x[:, window.last]}
         return SimpleNamespace(
@@ -262,7 +266,7 @@ def test_the_envelope_gradient_is_that_of_the_inner_minimum(begun):
     start = {n: found.solution.values[n] for n in ("theta", "x", "finger", "ground")}
     # Off the optimum, where gaps are zero and min(0, phi)^2 bends.
     start["theta"] = start["theta"] + 1e-3
-    solver = Solvers(problem).kept(options)
+    solver = Solvers(problem).solver_for(options)
 
     def inner(start):
         return solve(

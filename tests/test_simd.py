@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from tactilenlp.nlp.codegen import begun, compiler
+from tactilenlp.nlp.codegen import compiler, start_compilation
 from tactilenlp.nlp.simd import BINARY, UNARY, WIDTH, WRITTEN, can_be_vectors
 from tactilenlp.nlp.term_functions import of_columns
 
@@ -49,7 +49,7 @@ def test_every_operation_gives_what_the_virtual_machine_gives(tmp_path, monkeypa
     named = operations(x, y)
     plain = ca.Function("all", [x, y], [ca.vertcat(*named.values())])
     assert can_be_vectors(plain)
-    (fast,) = begun([plain], vectors=True)()
+    (fast,) = start_compilation([plain], vectors=True)()
     assert fast.size_in(0) == (1, WIDTH)
     left, right = np.meshgrid(SPECIAL, SPECIAL)
     drawn = np.random.default_rng(0).normal(size=(2, 35)) * 3
@@ -71,7 +71,7 @@ def test_what_cannot_be_vectors_is_compiled_as_it_is(tmp_path, monkeypatch):
     matrix = ca.Function("matrix", [x], [ca.sum1(x)])
     column = ca.Function("column", [x[:, 0]], [x[:1, 0] * ca.inf, ca.SX(-np.inf)])
     assert not can_be_vectors(matrix)
-    wide = begun([matrix, column], vectors=True)()
+    wide = start_compilation([matrix, column], vectors=True)()
     assert [f.size2_in(0) for f in wide] == [2, WIDTH]
     assert wide[0](np.eye(2)).full().tolist() == [[1, 1]]
     ones, below = of_columns(wide[1], np.ones((2, 3)))
@@ -93,7 +93,7 @@ def test_functions_that_are_called_again_and_again_are_vectors_too(
     whole = ca.Function("whole", [x, a], [y, ca.sumsqr(y)])
     assert whole.n_instructions() < 50  # written out it would be more
     assert can_be_vectors(whole)
-    (fast,) = begun([whole], vectors=True)()
+    (fast,) = start_compilation([whole], vectors=True)()
     assert fast.size2_in(0) == WIDTH
     given = np.random.default_rng(1).normal(size=(3, 11))
     for ours, other in zip(

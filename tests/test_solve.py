@@ -128,7 +128,7 @@ def test_the_same_problem_gives_the_same_solution_to_the_last_digit():
 
 def test_one_solver_serves_every_value_of_a_parameter():
     problem = cone([2.0, 0.1, 0.0])
-    solver = Solvers(problem).kept(TIGHT)
+    solver = Solvers(problem).solver_for(TIGHT)
     for height in (2.0, 3.0):
         goal = [height, 0.1, 0.0]  # off the axis, where IPOPT creeps along the cone
         solution = solve(problem, TIGHT, parameters={"target": goal}, solver=solver)
@@ -231,9 +231,9 @@ def test_a_start_may_be_a_solution_of_the_same_problem():
 def test_solves_with_other_options_have_a_solver_of_their_own():
     solvers, options = Solvers(cone([1.0, 3.0, 4.0])), SolverOptions(iterations=1)
     changed = {"iterations": 2}, {"barrier": 1e-3}, {"push": 1e-2}, {"tolerance": 1e-3}
-    first = solvers.kept(options)
-    assert solvers.kept(replace(options)) is first
-    others = {solvers.kept(replace(options, **change)) for change in changed}
+    first = solvers.solver_for(options)
+    assert solvers.solver_for(replace(options)) is first
+    others = {solvers.solver_for(replace(options, **change)) for change in changed}
     assert len({first, *others}) == 5
 
 

@@ -25,8 +25,8 @@ WRONG = 0.3e-3  # [m]
 def test_the_error_by_a_radius_is_how_the_optimum_moves_with_it(programme):
     kkt = kkt_system_of(programme.problem, programme.solution)
     at = Linearisation(kkt, programme.job, programme.window)
-    doubt, chosen = at.doubts[f"{RADIUS_OF}1"], programme.tangent.chosen
-    told = -kkt.sensitivity(chosen)[0].T @ doubt.slope
+    radius, chosen = at.consider_parameters[f"{RADIUS_OF}1"], programme.tangent.chosen
+    told = -kkt.sensitivity(chosen)[0].T @ radius.slope[:, 0]
 
     def thicker(step):
         parts = {

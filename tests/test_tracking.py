@@ -230,8 +230,10 @@ def test_columns_give_the_same_digits_without_a_compiler(monkeypatch):
     rng = np.random.default_rng(4)
     z = BOX[:, None] + rng.normal(size=(6, 5)) * 1e-3
     compiled = geometry_of(CUBOID).contact(z, at_side(0.03), RADIUS)
-    monkeypatch.setattr(mapped, "kept", lambda *given: None)
-    monkeypatch.setattr(mapped, "begun", lambda made, *_, **__: lambda: made)
+    monkeypatch.setattr(mapped, "compiled_earlier", lambda *given: None)
+    monkeypatch.setattr(
+        mapped, "start_compilation", lambda made, *_, **__: lambda: made
+    )
     plain = geometry_of.__wrapped__(CUBOID).contact(z, at_side(0.03), RADIUS)
     assert all(map(np.array_equal, compiled, plain))
 

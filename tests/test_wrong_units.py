@@ -42,6 +42,8 @@ WRONG = {  # call of estimate and data -> what the message must say
     ],
     "got shape": [
         lambda e, d: t.World(BOX).execute(t.Trajectory(np.arange(3), np.zeros((2, 3)))),
+    ],
+    "(3,) finite positive numbers [m], got [1, 2]": [
         lambda e, d: t.cuboid_errors([1, 2], *[np.zeros(3)] * 5),
     ],
     "3 positive lengths [m]": [

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tactilenlp.common.validation import numbers_of
+from tactilenlp.errors import TactileError
 from tactilenlp.evaluation.metrics import (
-    finite_array,
     generator_of,
     points_on,
     triangles_of,
@@ -28,8 +29,14 @@ def chamfer_paper(points_a: ArrayLike, points_b: ArrayLike) -> float:
     sum_a min_b |a - b|^2 + sum_b min_a |b - a|^2 (the paper, "Problem formulation"), of
     finite points (N, 3) and (M, 3) [m], else TactileError.  It grows with N and M.
     """
-    a = finite_array(points_a, (None, 3), "points_a")
-    b = finite_array(points_b, (None, 3), "points_b")
+    a, b = (
+        numbers_of(name, points, TactileError, "N", 3, unit="[m]", finite=True)
+        for name, points in (("points_a", points_a), ("points_b", points_b))
+    )
+    for name, points in (("points_a", a), ("points_b", b)):
+        if not len(points):
+            expected = "(N, 3) finite numbers [m], N > 0"
+            raise TactileError("no points", where=name, got="none", expected=expected)
     return float(sum(np.sum(distance**2) for distance in _nearest(a, b)))
 
 

@@ -11,7 +11,11 @@ from tactilenlp import Problem, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.errors import TactileError
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 
 
 def refusal(error: Exception) -> str:
@@ -61,6 +65,6 @@ def stated(page, data, scene, theta, x):
     """
     precision, made = precision_of(data, scene), required_reductions(page, Reductions())
     known = smooth_paths(data, precision), scene, CUBOID, precision, made
-    window, problem = reduce(*known, guess=(theta, x)), Problem()
+    window, problem = window_of_samples(*known, guess=(theta, x)), Problem()
     page.build(problem, window, scene, CUBOID)
     return problem, window

@@ -36,7 +36,11 @@ from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.geometry.transforms import planar_matrix
 from tactilenlp.nlp.codegen import compiled
-from tactilenlp.problem.reductions import Reductions, reduce, required_reductions
+from tactilenlp.problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import Solvers, solve
 
@@ -67,12 +71,13 @@ class Recording:
         self.paths, self.lam = {}, {}
         self.rolled, _ = self.problem(multiple_shooting)
         self.vimp, self.window = self.problem(violation_implicit)
-        self.solver = Solvers(self.vimp).kept(SolverOptions(tolerance=1e-5))
+        self.solver = Solvers(self.vimp).solver_for(SolverOptions(tolerance=1e-5))
 
     def problem(self, page):
         made = required_reductions(page, Reductions(still=False, far=False))
         known = self.data, self.scene, CUBOID, self.precision, made
-        window, problem = reduce(*known, guess=(self.theta, self.x)), Problem()
+        window = window_of_samples(*known, guess=(self.theta, self.x))
+        problem = Problem()
         page.build(problem, window, self.scene, CUBOID)
         return problem, window
 

@@ -46,12 +46,12 @@ def as_floats(value) -> np.ndarray:
 
 def numbers_of(
     where: str, value, error=OptionError, *shape, unit: str = "", next: str = "",
-    finite: bool = False,
+    finite: bool = False, positive: bool = False,
 ) -> np.ndarray:  # fmt: skip
     """Return a value as floats of this shape, by default of any, or raise `error`.
 
     shape: sizes; a word stands for any size, `...` in front for any axes of any size.
-    NaN and infinity are numbers, unless `finite`.
+    NaN and infinity are numbers, unless `finite` or `positive`.
     """
     raw, shape = as_array(value), shape or (...,)
     array = as_floats(raw)
@@ -59,15 +59,18 @@ def numbers_of(
     sizes = shape[any_axes:]
     tail = array.shape[array.ndim - len(sizes) :] if any_axes else array.shape
     fit = all(isinstance(n, str) or n == m for n, m in zip(sizes, tail, strict=False))
+    fit = fit and len(tail) == len(sizes)
+    finite = finite or positive
     valid = np.isfinite(array).all() if finite else raw is not None
-    if fit and valid and len(tail) == len(sizes):
+    if fit and valid and not (positive and (array <= 0).any()):
         return array
     words = ", ".join("..." if n is ... else str(n) for n in shape)
-    words = f"({words}{',' * (len(shape) == 1)}) {'finite ' * finite}numbers {unit}"
-    what = "not an array of this shape"
+    words = f"({words}{',' * (len(shape) == 1)})"
+    words += f" {'finite ' * finite}{'positive ' * positive}numbers {unit}".rstrip()
+    what = "out of range" if fit and raw is not None else "not an array of this shape"
     if not sizes:
         what, words = "no numbers", "a number or an array of numbers"
-    _refuse(error, what, where, value, words.rstrip(), next)
+    _refuse(error, what, where, value, words, next)
 
 
 def as_number(value) -> float:
@@ -163,6 +166,23 @@ def check_sample(sample, samples: int, name: str = "sample") -> None:
 def checked_array(where: str, value, *shape, unit: str) -> np.ndarray:
     """Return the value as finite floats of this shape, or raise OptionError."""
     return numbers_of(where, value, OptionError, *shape, unit=unit, finite=True)
+
+
+def checked_place(
+    where: str, value, error=OptionError, farthest: float = math.inf
+) -> np.ndarray:
+    """Return a place (2,) on the ground or (3,) [m] as floats, or raise `error`.
+
+    farthest [m]: no coordinate may be farther from the origin.
+    """
+    place = as_floats(value)
+    near = np.isfinite(place).all() and (abs(place) <= farthest).all()
+    if place.shape not in ((2,), (3,)) or not near:
+        expected = "(2,) or (3,) finite numbers [m]"
+        if farthest < math.inf:
+            expected += f", within {farthest:.0f} m"
+        _refuse(error, "not a place", where, value, expected)
+    return place
 
 
 def is_rotation(R: np.ndarray, tolerance: float) -> bool:

@@ -86,17 +86,26 @@ class Ground:
         return -self.rotation @ self.origin
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the signed distance (...) [m] of world points (..., 3) [m]."""
+        """Return the signed distance (...) [m] of world points (..., 3) [m].
+
+        Above the ground it is positive.  Raises OptionError unless points are finite.
+        """
         points = checked_array("points", points, ..., 3, unit="[m]")
         return points @ np.array(self.normal) - self.height
 
     def to_ground(self, points: np.ndarray) -> np.ndarray:
-        """Map points (..., 3) [m] from the world to the ground frame."""
+        """Map points (..., 3) [m] from the world to the ground frame.
+
+        Raises OptionError unless they are finite.
+        """
         points = checked_array("points", points, ..., 3, unit="[m]")
         return (points - self.origin) @ self.rotation.T
 
     def from_ground(self, points: np.ndarray) -> np.ndarray:
-        """Map points (..., 3) [m] from the ground frame back to the world."""
+        """Map points (..., 3) [m] from the ground frame back to the world.
+
+        Raises OptionError unless they are finite.
+        """
         points = checked_array("points", points, ..., 3, unit="[m]")
         return points @ self.rotation + self.origin
 

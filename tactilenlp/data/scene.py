@@ -169,7 +169,8 @@ class Scene:
         """Raise MeasurementError where the centre of a finger lies below the ground.
 
         The surface of a fingertip may touch the ground; samples not valid are skipped.
-        Also where the orientation of capsules was not measured.
+        Also where the orientation of capsules was not measured; SceneError where
+        sigma_offset is of another number of fingers.
         """
         check_types(data=(data, Measurements))
         if self.finger_length > 0 and data.finger_orientation is None:

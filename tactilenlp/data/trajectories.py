@@ -86,7 +86,10 @@ class Trajectories:
         return self.toss[np.sort(np.unique(self.toss, return_index=True)[1])]
 
     def select(self, tosses: Iterable[int]) -> Trajectories:
-        """Return some tosses, by number, in the order of recording."""
+        """Return some tosses, by number, in the order of recording.
+
+        Raises MeasurementError of numbers that are not among `tosses`.
+        """
         wanted = checked_choice("tosses", tosses, self.tosses, MeasurementError)
         rows = np.isin(self.toss, wanted)
         return Trajectories(

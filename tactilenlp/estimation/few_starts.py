@@ -37,7 +37,8 @@ def update_from_few_starts(request: Request, incumbents: Incumbents) -> FewStart
     all of its levels.
     """
     job, start = request.job_until(REFINEMENT_END), request.start
-    may_do = job.shape.tracked and job.search.hypothesis is None and incumbents.kept
+    may_do = incumbents.kept and job.search.hypothesis is None
+    may_do = may_do and not job.shape.of_vertices
     may_do = may_do and job.reductions.planar and job.contract.rough
     may_do = may_do and precise(job.data, job.precision)
     if not (may_do and continues(start, job) and of_whole_actions(start, job)):

@@ -56,7 +56,7 @@ def initial_hypotheses(
     if reduced.scene.ground is None:
         plane = search_plane(reduced, start if isinstance(start, Guess) else None)
         reduced = in_search_plane(reduced, plane)
-    if reduced.shape.tracked:
+    if not reduced.shape.of_vertices:
         hypotheses = search_in_contact_frame(request, reduced, incumbents).starts()
     elif plane is None:
         hypotheses = search_polytope(reduced, incumbents.kept, incumbents.keep)
@@ -65,7 +65,7 @@ def initial_hypotheses(
     if plane is None:
         return hypotheses, hypotheses
     starts = [in_free_motion(h, plane, reduced.shape) for h in hypotheses]
-    if reduced.shape.last_pose_held:
+    if reduced.shape.of_vertices:
         starts += [with_faces_tracked(h, request.job.data) for h in starts]
     return hypotheses, starts
 
@@ -139,7 +139,7 @@ def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingS
     """
     guess = first_guess(request.start, job.shape, frame_of(job.scene.ground))
     job = job.with_search(guess=guess)
-    if not default_cache().functions and job.deadline.left > AMPLE:
+    if not default_cache().functions_by_key and job.deadline.left > AMPLE:
         built_page(request.job)  # its compilers run beside the search
     frame = ContactFrame.of(job)
     job, in_frame = frame.job(job), tuple(frame.into(h) for h in incumbents.kept)

@@ -15,7 +15,7 @@ from ..local.local_solve import in_motion_of, solved_from
 from ..local.solved import BuiltPage, Solved, Solves
 from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
-from ..problem.polytope_window import window_of
+from ..problem.polytope_window import build_window
 from ..solvers.solution import evaluated, not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
@@ -56,7 +56,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     if job.scene.ground is not None:
         job = replace(job, page=page_of("quasi_static", job.shape))
     best = in_motion_of(job, min(starts, key=lambda h: h.rank))
-    window = window_of(job, (best.theta, best.x))
+    window = build_window(job, (best.theta, best.x))
     built = BuiltPage(job.build(window, solved=False), window, best)
     parameters = job.page.LEVELS[-1].parameters
     solution = evaluated(built.problem, built.values_at(best), parameters)
@@ -88,7 +88,7 @@ def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
         request = replace(request, data=data, job=job)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
-    kept = incumbents.kept if job.shape.tracked else [solved.at]
+    kept = [solved.at] if job.shape.of_vertices else incumbents.kept
     seconds = {**solved.solution.seconds, "total": incumbents.spent}
     estimate = read_off(request, solved, kept, seconds, NEVER)
     words = f"interrupted, {data.actions} of {whole} actions"

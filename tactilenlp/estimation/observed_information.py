@@ -50,7 +50,9 @@ def observed_information(
 
     kind: one of INFORMATION_KINDS; all but "exact" build the problem of the estimate
     again, and their sigma is that of their matrix.  shape, formulation: as they were
-    given to solve_estimate, where they are a Shape or a page of one's own.
+    given to solve_estimate, where they are a Shape or a page of one's own.  Raises
+    OptionError of other kinds, and of all but "exact" for a polytope or an estimate of
+    another version of its page.
     """
     check_types(estimate=(estimate, "Estimate"))
     check_one_of("kind", kind, INFORMATION_KINDS, "no such information")
@@ -113,7 +115,9 @@ class Sensitivity:
 def assumption_sensitivity(estimate, *, shape=None, formulation=None) -> Sensitivity:
     """Return how shape and final pose change with mass, frictions, sensors, fingers.
 
-    shape, formulation: see observed_information.
+    By parametric sensitivity, SI per unit of each: `of("side_lengths", "mass")` is (3,)
+    [m/kg].  shape, formulation: see observed_information.  Raises OptionError for a
+    polytope, and for an estimate of another version of its page.
     """
     check_types(estimate=(estimate, "Estimate"))
     again = programme_at(estimate, shape, formulation)
@@ -186,7 +190,7 @@ def problem_of(
                 expected=f"{job.shape.name}, {data!r}",
             )  # fmt: skip
         return past_solution(job.as_late_as(at.sensors), at).problem
-    if job.shape.window_depends_on_start:
+    if job.shape.of_vertices:
         raise OptionError(
             "its problem depends on where it is solved from", where="at",
             got=job.shape.name, expected="an Estimate of these measurements",

@@ -82,7 +82,7 @@ class Optima:
     def to_continue(self, width: int) -> list[Hypothesis]:
         """Return the hypotheses for the next action: the distinct optima."""
         job, solved = self.solved[0].job, self.solved
-        if not job.shape.tracked:
+        if job.shape.of_vertices:
             return [solved[0].at]
         if not job.reductions.planar:
             return self.kept[:width]
@@ -155,7 +155,7 @@ def _search_by_action(request: Request, found: Job) -> Optima | None:
     begins with.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
-    doubtful = request.job.shape.tracked
+    doubtful = not request.job.shape.of_vertices
     if not (doubtful or update or len(parts) > 1):
         return None  # it would be the same search
     log.info("the trajectory is doubtful: searching action by action")

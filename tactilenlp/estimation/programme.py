@@ -35,7 +35,7 @@ def programme_at(estimate, shape=None, formulation=None) -> Solved:
     """
     shape, page = class_and_page(estimate, shape, formulation)
     scene = estimate.scene
-    if shape.window_depends_on_start:
+    if shape.of_vertices:
         raise OptionError(
             "the problem of a polytope is not built again",
             where="estimate", got=estimate.shape, expected="a cuboid",

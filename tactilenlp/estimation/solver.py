@@ -93,7 +93,7 @@ class ClassSolver:
         starts from it.  None if they leave touches that cost more than `most` [nats].
         """
         scene = (self.scene or Scene()).on_ground_of(poses.scene)
-        if not shape.tracked:
+        if shape.of_vertices:
             return self._of_request(*self._request_of(scene, shape, options, poses))
         request, hypotheses = self._request_of(scene, shape, options, None)
         job = request.job.as_late_as(poses.sensors)

@@ -21,7 +21,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ..common.brief import printed
-from ..common.validation import as_floats, check_kind, check_whole, checked_unit
+from ..common.validation import (
+    as_floats,
+    check_kind,
+    check_whole,
+    checked_unit,
+    numbers_of,
+)
 from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import TactileError
 from ..geometry.faces import is_box
@@ -154,11 +160,12 @@ def cuboid_errors(
     cube = np.round(Rotation.create_group("O").as_matrix())
     # Column k of a relabeling is the new axis k in the old axes: one entry of +-1.
     permutations = np.argmax(np.abs(cube), axis=1)
-    sizes = finite_array(side_lengths, (3,), "side_lengths", positive=True)
-    truth = finite_array(true_side_lengths, (3,), "true_side_lengths", positive=True)
-    sizes = sizes[permutations] - truth
-    shift = finite_array(position, (3,), "position")
-    shift = shift - finite_array(true_position, (3,), "true_position")
+    of, lengths = (TactileError, 3), {"unit": "[m]", "positive": True}
+    sizes = numbers_of("side_lengths", side_lengths, *of, **lengths)[permutations]
+    sizes = sizes - numbers_of("true_side_lengths", true_side_lengths, *of, **lengths)
+    place = {"unit": "[m]", "finite": True}
+    shift = numbers_of("position", position, *of, **place)
+    shift = shift - numbers_of("true_position", true_position, *of, **place)
     quaternions = {"quaternion": quaternion, "true_quaternion": true_quaternion}
     unit = 4, QUATERNION_TOLERANCE, TactileError, "give a quaternion wxyz of length 1"
     wxyz = [checked_unit(name, value, *unit) for name, value in quaternions.items()]
@@ -235,17 +242,3 @@ def generator_of(samples: int, seed: int) -> np.random.Generator:
     check_whole("samples", samples, 1, np.inf)
     check_whole("seed", seed, 0, np.inf)
     return np.random.default_rng(seed)
-
-
-def finite_array(
-    value: ArrayLike, shape: tuple, where: str, positive=False
-) -> np.ndarray:
-    """Return finite floats of a shape, where None stands for any length above 0."""
-    array = np.atleast_1d(as_floats(value))
-    fits = array.size > 0 and array.shape == (shape[0] or len(array), *shape[1:])
-    if not fits or not np.all(np.isfinite(array)) or (positive and np.any(array <= 0)):
-        expected = "positive" if positive else "finite"
-        expected += f" numbers of shape {str(shape).replace('None', 'N')}"
-        got = array.tolist() if fits and array.size < 10 else f"shape {array.shape}"
-        raise TactileError("unusable", where=where, expected=expected, got=got)
-    return array

@@ -93,9 +93,7 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
 
 def has_free_poses(estimate, shape) -> bool:
     """Tell whether poses have six unknowns (free motion), not three (planar)."""
-    return (
-        not shape.last_pose_held and len(estimate.information.names) > shape.theta + 3
-    )
+    return not shape.of_vertices and len(estimate.information.names) > shape.theta + 3
 
 
 def prior_matrix(estimate, shape, fingers: int) -> np.ndarray:

@@ -87,7 +87,7 @@ class ExpectedInformation:
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)
         self._free = has_free_poses(estimate, self.shape)
-        if self.shape.last_pose_held:
+        if self.shape.of_vertices:
             self._sensors = polytope_beliefs.hull_sensor_model(estimate)
             self.beliefs = [polytope_beliefs.belief_of(estimate, self.shape)]
         else:
@@ -195,8 +195,9 @@ def expected_information_gain(
 ) -> float:
     """Return EIG = (logdet(I + F) - logdet(I)) / 2 of an action, in nats (eq:eig).
 
-    The action aims at the estimated centroid.  For the options, and for many actions of
-    one estimate, see ExpectedInformation.
+    The action aims at the estimated centroid.  hypotheses: how many are averaged over;
+    slopes: "motion" or "identity"; shape: the Shape of the estimate if it is your own.
+    For many actions of one estimate, and for what is raised, see ExpectedInformation.
     """
     check_types(action=(action, Action))
     space = action.workspace

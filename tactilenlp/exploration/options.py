@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..common.validation import check_numbers, check_types
+from ..common.validation import check_numbers, check_types, checked_place
 from ..errors import OptionError, did_you_mean, typed_call
 from ..interface.options import Options
 from ..problem.pages import shape_of
@@ -15,7 +15,6 @@ from ..refinement.model_selection import classes_of
 from .action_space import Workspace
 from .optimisers import CrossEntropy, check_search
 from .policies import check_policy
-from .sweep import checked_centre
 
 POSITIONAL = 4  # settings that `explore` takes by position, after world and scene
 
@@ -65,7 +64,7 @@ class ExploreOptions:
         if not classes_of(self.shape):
             shape_of(self.shape)
         if self.centre is not None:
-            checked_centre(self.centre)
+            checked_place("centre", self.centre)
         check_numbers("a whole number from 0", actions=(self.actions, -1, np.inf))
         check_numbers("a whole number from 0", seed=(self.seed, -1, np.inf))
         if self.until is not None and not callable(self.until):

@@ -31,8 +31,8 @@ from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 from formulations.pushed_hull import LIFTED
 
 from ..geometry.convex_hull import hull_vertices, nearest_points
+from ..geometry.faces import FACE_TILT
 from ..geometry.transforms import rotation_of
-from ..interface.readout import FACE_TILT
 from . import beliefs
 from .beliefs import POSE_PRIOR_SIGMA, Belief
 from .push_model import (

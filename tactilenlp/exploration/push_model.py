@@ -191,7 +191,7 @@ def _unknowns(shape, free: bool):
 
     Of vertices whose last pose is held, z is where they lie now, about their centroid.
     """
-    if shape.last_pose_held:
+    if shape.of_vertices:
         z = shape.symbol("z", shape.theta)
         return z, z, pushed_hull.HERE
     motion = FREE if free else PLANAR

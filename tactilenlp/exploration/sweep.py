@@ -14,7 +14,7 @@ import numpy as np
 
 from formulations.shape_fields import takes
 
-from ..common.validation import as_floats
+from ..common.validation import checked_place
 from ..data.contact_segments import consecutive_contacts
 from ..data.ground import frame_of
 from ..data.measurements import Measurements
@@ -112,18 +112,7 @@ def aim(space: Workspace, centre) -> np.ndarray:
 
     Of a centre (2,) the one AIM_HEIGHT from the ground, at these x and y.
     """
-    return frame_of(space.ground).point(checked_centre(centre), AIM_HEIGHT)
-
-
-def checked_centre(centre) -> np.ndarray:
-    """Return a place on the object, (2,) or (3,) [m]; OptionError if it is none."""
-    place = as_floats(centre)
-    if place.shape in ((2,), (3,)) and np.isfinite(place).all():
-        return place
-    raise OptionError(
-        "not a place", where="centre", got=shortened(centre, most=80),
-        expected="(2,) or (3,) finite numbers [m]",
-    )  # fmt: skip
+    return frame_of(space.ground).point(checked_place("centre", centre), AIM_HEIGHT)
 
 
 def execute(world, trajectory) -> Measurements:

@@ -5,7 +5,7 @@ In: points, half-spaces, poses, estimates.  Out: rotations, hulls, faces, ways t
 - `transforms`: planar rotations, quaternions wxyz, poses, world to body frame
 - `convex_hull`: half-space intersection, untouched side, centroid, closest point
 - `simplification`: hulls of fewer vertices, of fewer faces, of more vertices
-- `faces`: facets merged into faces, supporting planes and their uncertainty
+- `faces`: facets merged into faces, their planes and sigma; which of them a touch is of
 - `interpolation`: gaps of time series
 - `tipping`: the kinematics of a body that tips over an edge
 """

@@ -10,9 +10,15 @@ from scipy.spatial import ConvexHull, QhullError
 from ..common.brief import printed
 from ..common.validation import check_types
 from ..errors import OptionError
-from .transforms import rotation_of
+from .convex_hull import fingers_in_body
+from .transforms import directions_in_body, rotation_of
 
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
+BOX_NORMALS = np.stack([-np.eye(3), np.eye(3)], axis=1)  # (3 axes, 2 sides, 3)
+FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
+FACE_TILT = 0.05  # [rad] as exact as touched faces come out
+# [rad], deviations: a touch at most so far off is of a face
+MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 
 
 def polygons(points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -138,9 +144,37 @@ def is_hull(estimate) -> bool:
     return "vertices" in estimate.information.maps
 
 
-def touched_faces(data, quaternion) -> np.ndarray:
-    """Return how many samples touched each face of a cuboid, (3 axes, 2 sides)."""
+# Which face a touch is of, by its normal alone, or by its place as well:
+
+
+def touched_faces(data, quaternion, normals=BOX_NORMALS) -> np.ndarray:
+    """Return how many samples touched each face, (...), of a box (3 axes, 2 sides).
+
+    quaternion (T, 4) wxyz, body to world; normals (..., 3): outward, body frame.  A
+    touch is of every face with whose normal its own agrees by FACE_COSINE.
+    """
     t, f = np.nonzero(data.contact)
     n = rotation_of(quaternion[t]).inv().apply(data.normal[t, f])
-    sides = n < -FACE_COSINE, n > FACE_COSINE
-    return np.stack([side.sum(axis=0) for side in sides], 1)
+    met = n @ normals.reshape(-1, 3).T > FACE_COSINE
+    return np.count_nonzero(met, axis=0).reshape(normals.shape[:-1])
+
+
+def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:
+    """Return the number of touches of each face of a hull at poses x (u, T).
+
+    faces: corners and outward normal of each, as of `polygons`; sigma:
+    deviation of felt normals [rad].  A touch belongs to the face whose normal is
+    closest to the felt one, and to others within the error of felt normals.
+    """
+    facing = np.cos(min(MAX_TILT, FACE_TILT + TILT_DEVIATIONS * sigma))
+    touch = window.touch
+    centre = fingers_in_body(touch, x)
+    n = directions_in_body(x, touch.sample, touch.normal)
+    point = centre - touch.radius[:, None] * n
+    alike = []  # (faces, touches): cosine to a face that the point is on
+    for corners, normal in faces:
+        off = (point - vertices[corners[0]]) @ normal
+        alike.append(np.where(np.abs(off) < FACE_REACH, n @ normal, -1.0))
+    alike = np.array(alike)
+    best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(MAX_TILT))
+    return np.count_nonzero((alike > facing) | (alike >= best), axis=1)

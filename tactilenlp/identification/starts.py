@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.layout import has_volume
-from ..common.validation import as_floats
-from ..errors import MeasurementError, MotionError, OptionError, shortened
+from ..common.validation import numbers_of
+from ..errors import MeasurementError, MotionError, OptionError
 from ..problem.poses import rotations_on_ground
 from .impacts import MIN_TOSSES, TossSteps, gravity_of, phases_of, steps_of
 
@@ -84,15 +84,10 @@ def nothing_lands(steps: TossSteps) -> MotionError:
 
 def _guess_of(guess, shape) -> tuple:
     """Return theta (3, columns) [m] and signs (3, V) of a user's guess."""
-    cuboid, theta = shape == "cuboid", as_floats(guess)
-    fits = (
-        theta.shape == (3,) if cuboid else theta.ndim == 2 and theta.shape[1:] == (3,)
-    )
-    if not fits or not np.isfinite(theta).all() or (cuboid and theta.min() <= 0):
-        raise OptionError(
-            "cannot start there", where="guess", got=shortened(guess, most=80),
-            expected="half widths (3,) > 0 [m]" if cuboid else "vertices (V, 3) [m]",
-        )  # fmt: skip
+    cuboid = shape == "cuboid"
+    sizes, unit = ((3,), "[m], half widths") if cuboid else (("V", 3), "[m], vertices")
+    of_guess = "guess", guess, OptionError, *sizes
+    theta = numbers_of(*of_guess, unit=unit, finite=True, positive=cuboid)
     if not (cuboid or has_volume(theta)):
         raise OptionError(
             "no body", where="guess", got=f"{len(theta)} vertices without a volume",

@@ -236,7 +236,8 @@ def information_gain(known, told, asked: int | None = None) -> float:
 
     The expected gain of a Gaussian belief (Lindley, Ann. Math. Stat. 27, 1956).  known:
     I (k, k), positive definite; told: F (k, k), positive semidefinite; asked: how many
-    of the first unknowns count, all others being marginalised.
+    of the first unknowns count, all others being marginalised.  Raises OptionError of
+    other shapes, TactileError where I or I + F is not positive definite.
     """
     prior, F = (as_floats(matrix) for matrix in (known, told))
     if prior.ndim != 2 or prior.shape != F.shape or len(prior) != prior.shape[1]:

@@ -1,15 +1,15 @@
 r"""Consider parameters: what a page takes as given, and sigma covers all the same.
 
-A quantity r is held where the page takes it, mostly at zero; what the data tell of it
-is read from the solution, without another solve (consider covariance: S. F. Schmidt,
-Advances in Control Systems 3, 1966).  With b the derivative by r of the gradient,
+Quantities r (d,) are held where the page takes them, mostly at zero; what the data tell
+of them is read from the solution, without another solve (consider covariance: S. F.
+Schmidt, Advances in Control Systems 3, 1966).  With b how the gradient moves with r,
 
-    dx/dr = -K^{-1} b,      I = 1 / deviation^2 + L_rr + b . dx/dr,      m = -L_r / I
+    dx/dr = -K^{-1} b,      I = 1 / deviation^2 + L_rr + b' dx/dr,      m = -I^{-1} L_r
 
 are how the estimate moves with r, what is known of r, and where it is likeliest.  r is
 o times as likely none as Gaussian before any touch, so that
 
-    E[r^2] = (1 / I + m^2) / (1 + o deviation sqrt(I) exp(-I m^2 / 2)).
+    E[r r'] = (I^{-1} + m m') / (1 + o deviation^d sqrt(det I) exp(-m' I m / 2)).
 
 Edges are assumed to be sharp.  With a radius r, common to all of them, what a finger of
 radius rho feels is the body `shape.rounded(theta, r)`, grown by r: the touch cost of
@@ -20,6 +20,10 @@ a lag of sensors.  Fingers r earlier give poses r earlier, which then move on wi
 velocities.  The radius of a finger is mostly as it was told, o = 50; sigma allows for
 another one where no body fits the touches of this finger and of the others as well.  A
 radius that is wrong for all fingers alike, no touch tells.
+
+The ground is assumed to be level, or as it was told.  Its tilt r (2,) are rotations
+about its own horizontal axes: seen from a ground that is turned by r, positions and
+normals of the touches turn by -r.  All others have one component.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from formulations.names import (
     FREE_TERM,
@@ -51,29 +56,29 @@ AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
 TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
 TOLD_RIGHT = 50.0  # [-] odds that a radius was told right
+TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
 class Prior(NamedTuple):
-    """What is known of a quantity r before any touch, from where the page takes it.
+    """What is known of r (d,) before any touch, from where the page takes it.
 
-    deviation about the mean, between least and most; none: how many times as likely r
-    is exactly as it is taken, 0: it is not.
+    deviation of each component about the mean, between least and most; odds: how many
+    times as likely r is exactly as it is taken, 0: it is not.
     """
 
     deviation: float
-    mean: float = 0.0
+    mean: float | np.ndarray = 0.0
     least: float = 0.0
     most: float = np.inf
-    none: float = 1.0
+    odds: float = 1.0
 
 
 class Considered(NamedTuple):
     """What the touches tell of a quantity that the page takes as given.
 
     mean: where it is likeliest, against that; sigma: its standard deviation; both in
-    [m] of edges and radii, in [s] of late sensors; probability [-] that it is not as
-    given.
+    [m] of edges and radii, [s] of late sensors; probability [-] that it is not so.
     """
 
     mean: float
@@ -82,63 +87,64 @@ class Considered(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """What is known of a quantity r from where the page takes it, mostly from zero.
+class ConsiderParameter:
+    """What is known of quantities r (d,) from where the page takes them.
 
-    slope (unknowns,): derivative of the gradient by r; mean, information of r by data
-    and prior; none: odds that r is exactly there, 0 once it was estimated; besides:
-    deviation that no data reduce.
+    slope (unknowns, d): derivative of the gradient by r; mean (d,), information (d, d)
+    of r by touches and prior; odds: how many times as likely r is exactly there, 0 once
+    it was estimated; besides: deviation that no data reduce.
     """
 
     slope: np.ndarray
-    mean: float
-    information: float
-    none: float
+    mean: np.ndarray
+    information: np.ndarray
+    odds: float
     besides: float = 0.0
 
     @property
     def gain(self) -> float:
         """By how many nats the likeliest r lowers the objective."""
-        return self.information * self.mean**2 / 2
+        return float(self.mean @ self.information @ self.mean) / 2
 
     @property
     def considered(self) -> Considered:
-        """What the touches tell of r."""
-        return Considered(self.mean, self.information**-0.5, 1 / (1 + self.none))
+        """What the touches tell of r of one component."""
+        (mean,), ((information,),) = self.mean, self.information
+        return Considered(mean, information**-0.5, 1 / (1 + self.odds))
 
     @property
-    def squared(self) -> float:
-        """E[r^2]."""
-        second = (1 / self.information + self.mean**2) / (1 + self.none)
-        return second + self.besides**2
+    def squared(self) -> np.ndarray:
+        """E[r r'] (d, d)."""
+        second = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
+        return second / (1 + self.odds) + self.besides**2 * np.eye(len(self.mean))
 
-    def covariance(self, by_gradient, velocities=0.0) -> np.ndarray:
+    def covariance(self, by_gradient, moved=0.0) -> np.ndarray:
         """Return the covariance (k, k) by it.
 
-        by_gradient: see KKTSystem.sensitivity; velocities (k,): how the k numbers move
+        by_gradient: see KKTSystem.sensitivity; moved (k, d): how the k numbers move
         with r at fixed unknowns.
         """
-        moves = velocities - by_gradient.T @ self.slope
-        return self.squared * np.outer(moves, moves)
+        moves = moved - by_gradient.T @ self.slope
+        return moves @ self.squared @ moves.T
 
 
-def doubts_of(linearisation: Linearisation) -> dict[str, Doubt]:
-    """Return the doubts about consider parameters, by name; none without touches."""
+def scalars_of(linearisation: Linearisation) -> dict[str, ConsiderParameter]:
+    """Return all of one component, by name; none without touches."""
     if TOUCH_TERM not in linearisation.kkt.problem.costs:
         return {}
-    doubts = {
+    found = {
         LATE_NORMALS: late_normals(linearisation),
         LATE_TOUCHES: late_touches(linearisation),
     }
     if linearisation.window.shape.rounded is not None:
-        doubts[ROUNDED_EDGES] = rounded_edges(linearisation)
+        found[ROUNDED_EDGES] = rounded_edges(linearisation)
     for f in np.unique(linearisation.window.touch.finger).tolist():
-        doubts[f"{RADIUS_OF}{f}"] = told_radius(linearisation, f)
-    return doubts
+        found[f"{RADIUS_OF}{f}"] = told_radius(linearisation, f)
+    return found
 
 
-def rounded_edges(linearisation: Linearisation) -> Doubt:
-    """Return the doubt about sharp edges."""
+def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
+    """Return what is known of the radius of edges."""
     kkt, window = linearisation.kkt, linearisation.window
     problem, shape, touch = kkt.problem, window.shape, window.touch
     values = linearisation.values
@@ -151,17 +157,16 @@ def rounded_edges(linearisation: Linearisation) -> Doubt:
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
     grown = linearisation.job.build(replace(window, touch=touch)).data()
-    grown = grown - problem.data()
     theta, ends = problem.variables["theta"].span, []
     for side in (1, 0, -1):
         x = kkt.x.copy()
         x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
-        ends.append((x, kkt.data + side * grown))
-    return _doubt_by(kkt, ends, RADIUS_STEP, Prior(EDGE))
+        ends.append((x, kkt.data + side * (grown - problem.data())))
+    return _of_one(kkt, ends, RADIUS_STEP, Prior(EDGE))
 
 
-def late_normals(linearisation: Linearisation) -> Doubt:
-    """Return the doubt about normals of the instant.
+def late_normals(linearisation: Linearisation) -> ConsiderParameter:
+    """Return what is known of how late normals are.
 
     Sensors average normals for longer than contacts: these may be in time.
     """
@@ -170,33 +175,31 @@ def late_normals(linearisation: Linearisation) -> Doubt:
     rate = rate_of(data, data.normal)
     rate[1:][~consecutive_contacts(data)] = 0.0
     normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
-    later = replace(window, touch=replace(touch, normal=normal))
-    ends = ends_of(linearisation, later)
-    return _doubt_by(linearisation.kkt, ends, LAG_STEP, Prior(AVERAGED))
+    ends = ends_of(linearisation, replace(window, touch=replace(touch, normal=normal)))
+    return _of_one(linearisation.kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
-def late_touches(linearisation: Linearisation) -> Doubt:
-    """Return the doubt about the latency of touches, told by the scene or estimated.
+def late_touches(linearisation: Linearisation) -> ConsiderParameter:
+    """Return what is known of the latency of touches against the one of the page.
 
     Contacts and normals that are reported r later are those of fingers and of a body r
     earlier.  One that was estimated is known to CONTACT_LATENCY: contacts are averaged.
     """
-    kkt, job = linearisation.kkt, linearisation.job
-    latency = job.precision.latency
+    job, latency = linearisation.job, linearisation.job.precision.latency
     prior, estimated = Prior(LATENCY), False
     if job.scene.latency is not None:
-        prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, none=0.0)
+        prior = Prior(CONTACT_LATENCY, least=-latency, most=CONTACT_LATENCY, odds=0.0)
     elif latency > 0:
-        prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, none=0.0)
+        prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, odds=0.0)
         estimated = True
-    shifted = fingers_earlier(linearisation.window, job.data, LAG_STEP)
-    ends = ends_of(linearisation, shifted)
-    doubt = _doubt_by(kkt, ends, LAG_STEP, prior, list(kkt.problem.costs))
-    return replace(doubt, besides=CONTACT_LATENCY * estimated)
+    earlier = fingers_earlier(linearisation.window, job.data, LAG_STEP)
+    ends, costs = ends_of(linearisation, earlier), [*linearisation.kkt.problem.costs]
+    lag = _of_one(linearisation.kkt, ends, LAG_STEP, prior, costs)
+    return replace(lag, besides=CONTACT_LATENCY * estimated)
 
 
-def told_radius(linearisation: Linearisation, finger: int) -> Doubt:
-    """Return the doubt about the radius that was told of a finger.
+def told_radius(linearisation: Linearisation, finger: int) -> ConsiderParameter:
+    """Return what is known of the error of the radius that was told of a finger.
 
     By what is felt alone: points at which impulses act would move by no more than r.
     """
@@ -207,9 +210,34 @@ def told_radius(linearisation: Linearisation, finger: int) -> Doubt:
 
     larger = replace(window, touch=grown(window.touch), free=grown(window.free))
     ends = ends_of(linearisation, larger)
-    prior = Prior(TOLD_RADIUS, least=-np.inf, none=TOLD_RIGHT)
+    prior = Prior(TOLD_RADIUS, least=-np.inf, odds=TOLD_RIGHT)
     felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in kkt.problem.costs]
-    return _doubt_by(kkt, ends, RADIUS_STEP, prior, felt)
+    return _of_one(kkt, ends, RADIUS_STEP, prior, felt)
+
+
+def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
+    """Return what is known of the tilt (2,) [rad] of the ground.
+
+    about (3,) [m]: the point of the ground that stays, ground frame.
+    """
+    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
+    touch, ground, by_turn = window.touch, job.scene.ground, []
+    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
+        R = Rotation.from_rotvec([*np.multiply(-TILT_STEP, way), 0.0]).as_matrix()
+        seen = job.data.transformed(R, about - R @ about)
+        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
+        p_wf[:, :3] = seen.finger_position[at]
+        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
+            p_wf[:, 3:] = seen.finger_orientation[at]
+        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
+        ends = ends_of(linearisation, replace(window, touch=touched))
+        by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
+    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
+    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
+    pull, bend = np.array([pull_x, pull_y]), np.array([[xx, mixed], [mixed, yy]])
+    turned = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
+    prior = Prior(job.scene.sigma_tilt, -turned, -np.inf, odds=ground.told is None)
+    return _by_derivatives(kkt, slope, pull, bend, prior)
 
 
 def fingers_earlier(window, data, lag: float):
@@ -248,13 +276,25 @@ def ends_of(linearisation: Linearisation, changed) -> list:
     return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
 
 
-def _doubt_by(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> Doubt:
-    """Return what the touches tell of a quantity r; ends: at r = step, 0, -step."""
+def _of_one(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> ConsiderParameter:
+    """Return what the touches tell of one quantity; ends: at r = step, 0, -step."""
     b, pull, bend = derivatives(kkt.problem, ends, step, names)
+    return _by_derivatives(kkt, b[:, None], np.array([pull]), bend, prior)
+
+
+def _by_derivatives(kkt, slope, pull, bend, prior: Prior) -> ConsiderParameter:
+    """Return what the touches tell of r (d,).
+
+    By derivatives of the touch cost by r: slope (unknowns, d) of its gradient, pull
+    (d,) its negative first, bend (d, d) its second one.
+    """
     of_prior = 1 / prior.deviation**2
-    information = of_prior + max(0.0, bend + b @ kkt.moved(b))
-    mean = (pull + of_prior * prior.mean) / information
-    mean = min(max(prior.least, mean), prior.most)
-    odds = prior.deviation * np.sqrt(information)
-    odds *= np.exp(-information * mean**2 / 2) * prior.none
-    return Doubt(b, mean, information, odds)
+    by_touches = bend + slope.T @ np.stack([kkt.moved(b) for b in slope.T], axis=1)
+    values, vectors = np.linalg.eigh((by_touches + by_touches.T) / 2)
+    values = np.maximum(values, 0.0) + of_prior
+    information = (vectors * values) @ vectors.T
+    mean = np.linalg.solve(information, pull + of_prior * prior.mean)
+    mean = np.clip(mean, prior.least, prior.most)
+    known = ConsiderParameter(slope, mean, information, prior.odds)
+    share = prior.deviation ** len(mean) * np.sqrt(np.prod(values))
+    return replace(known, odds=float(share * np.exp(-known.gain) * prior.odds))

@@ -85,18 +85,19 @@ OF_PRIORS, GROUND_TILT, POOR_FIT = "priors", "tilt of the ground", "poor fit"
 def errors_of_sensing(response: Response) -> Iterator[tuple[str, np.ndarray]]:
     """Yield name and covariance (k, k) of each error of what is measured or told."""
     linearisation, by_gradient = response.linearisation, response.by_gradient
-    kkt, doubts, job = linearisation.kkt, linearisation.doubts, linearisation.job
+    kkt, job = linearisation.kkt, linearisation.job
     by_touches, by_others = (response.to_measurements(touch) for touch in (True, False))
     both = (touch + other for touch, other in zip(by_touches, by_others, strict=True))
     yield "sensor noise", sensor_covariance(*both, job)
     if TOUCH_TERM in kkt.problem.costs:
         off = model_error(kkt, *by_touches, job, linearisation.window)
         yield "touches off the model", off
+    given = linearisation.consider_parameters
     for name in (ROUNDED_EDGES, LATE_NORMALS, LATE_TOUCHES):
-        if name in doubts:
-            velocities = response.motions[0] if name == LATE_TOUCHES else 0.0
-            yield name, doubts[name].covariance(by_gradient, velocities)
-    if radii := [doubts[name] for name in doubts if name.startswith(RADIUS_OF)]:
+        if name in given:
+            velocities = response.motions[:1].T if name == LATE_TOUCHES else 0.0
+            yield name, given[name].covariance(by_gradient, velocities)
+    if radii := [given[name] for name in given if name.startswith(RADIUS_OF)]:
         yield "radii of fingers", sum(one.covariance(by_gradient) for one in radii)
     if (tilt := linearisation.tilt) is not None:
         yield GROUND_TILT, tilt.covariance(by_gradient, response.by_ground)

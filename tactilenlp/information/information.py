@@ -95,7 +95,9 @@ class Information:
     def covariance(self, name: str | None = None) -> np.ndarray:
         """Return the covariance (3, 3) of a quantity, or (k, k) of `names`, SI.
 
-        "finger_offset": (3 F, 3 F), finger by finger, where the scene leaves it open.
+        name: one of `maps`, as "position" [m], "rotation" [rad], "side_lengths" or
+        "vertices" [m]; "finger_offset" [m]: (3 F, 3 F), finger by finger, where the
+        scene leaves it open.  Raises OptionError of other names.
         """
         check_types(name=(name, (str, type(None))))
         if name is None:
@@ -113,7 +115,8 @@ class Information:
         """Return standard deviations by each error alone, SI, the largest first.
 
         (3,) of a quantity, or (k,) of `names`: their squares add up to those of sigma.
-        error_budget.py says what each error is.
+        error_budget.py says what each error is.  name: as of `covariance`.  Raises
+        OptionError of other names, and of an estimate that has no error budget.
         """
         total = np.diag(self.covariance(name))
         if not self.budget or name == "finger_offset":
@@ -146,7 +149,11 @@ class Information:
         return sigma.reshape(-1, 3) if name == "finger_offset" else sigma
 
     def along_path(self, name: str) -> np.ndarray:
-        """Return standard deviations (T, 3) of position or rotation."""
+        """Return standard deviations (T, 3) at every sample, world frame.
+
+        name: "position" [m] or "rotation" [rad].  Raises OptionError of other names,
+        and of an estimate that has none.
+        """
         if name not in [*POSE] or self.path is None:
             raise OptionError(
                 "no such deviations of a trajectory", where="information", got=name,
@@ -160,7 +167,11 @@ class Information:
         return self.covariance_matrix / np.outer(d, d)
 
     def part(self, name: str) -> np.ndarray:
-        """Return what one term, or all terms of a role, add to the matrix (k, k)."""
+        """Return what one term, or all terms of a role, add to the matrix (k, k).
+
+        name: of a term, or a role of costs, or "constraint".  Raises OptionError of
+        others.
+        """
         check_types(name=(name, str))
         names = sorted({*self.roles, *self.roles.values()})
         check_one_of("information", name, names, "no such term or role")
@@ -181,7 +192,10 @@ class Information:
         return self.of_matrix(self.matrix)
 
     def of_matrix(self, matrix, covariance=None) -> Information:
-        """Return the information of another kind; covariance: else its inverse."""
+        """Return the information of another kind, of one optimum.
+
+        matrix (k, k), covariance (k, k): about `names`, SI; by default its inverse.
+        """
         covariance = inverse(matrix) if covariance is None else covariance
         return replace(
             self, matrix=matrix, covariance_matrix=covariance, parts={}, roles={},
@@ -194,6 +208,7 @@ def vertex_information(estimate) -> np.ndarray:
     """Return log det of the information about each vertex (V,), the others unknown.
 
     In nats, of lengths in metres: what colours the vertices of the paper's figures.
+    estimate: of a polytope; OptionError of others.
     """
     check_types(estimate=(estimate, "Estimate"))
     C, V = estimate.information.covariance("vertices"), len(estimate.vertices)

@@ -44,7 +44,7 @@ def information_of(
     kkt, tangent = linearisation.kkt, solved.tangent
     by_ground, ground = response_to_ground(linearisation, tangent)
     response = linearisation.response(tangent.chosen, tangent.jacobian, by_ground)
-    if solved.window.shape.last_pose_held:
+    if solved.window.shape.of_vertices:
         fields, errors = _of_vertices(response, solved, faces)
     else:
         fields, errors = _of_sizes(response, solved, faces, others)
@@ -53,11 +53,12 @@ def information_of(
         name: matrix @ (by_gradient.T @ (H @ by_gradient)) @ matrix
         for name, H in kkt.hessians.items()
     }
+    given = linearisation.consider_parameters
     roles = {name: kkt.problem.terms[name].role or "constraint" for name in parts}
     return Information(
         names=tangent.names, parts=parts, roles=roles, maps=tangent.maps,
         fixed=tangent.fixed, active=kkt.active, ambiguous=kkt.ambiguous, ground=ground,
-        considered={name: d.considered for name, d in linearisation.doubts.items()},
+        considered={name: r.considered for name, r in given.items()},
         budget=variances_by_name(errors, tangent.maps), **fields,
     )  # fmt: skip
 

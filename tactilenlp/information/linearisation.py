@@ -7,28 +7,22 @@ for measurements, mass, frictions, sensor noise and finger offsets a, by the fac
 K of the solution and central differences of exact gradients: no solve is repeated
 (Fiacco, Introduction to Sensitivity and Stability Analysis in Nonlinear Programming,
 1983).  It holds as long as no contact changes its state.
-
-The ground is assumed to be level, or as it was told.  r (2,) are its rotations about
-its own horizontal axes, Gaussian of deviation Scene.sigma_tilt: seen from a ground that
-is turned by r, positions and normals of the touches turn by -r.  What is known of r is
-read as of consider_parameters.py.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from formulations.names import TOUCH_TERM
 
 from ..data.ground import frame_of
 from ..data.sensor_noise import reported_late
 from ..nlp.kkt import KKTSystem
-from .consider_parameters import Doubt, derivatives, doubts_of, ends_of
+from .consider_parameters import ConsiderParameter, ground_tilt, scalars_of
 from .measurement_noise import (
     MixedDerivatives,
     mixed_derivatives,
@@ -41,7 +35,6 @@ if TYPE_CHECKING:
     from ..problem.window import Window
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
-TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +54,9 @@ class Linearisation:
         return mixed_derivatives(self.kkt, self.job, self.window)
 
     @cached_property
-    def doubts(self) -> dict[str, Doubt]:
-        """The doubts about the consider parameters, by name."""
-        return doubts_of(self)
+    def consider_parameters(self) -> dict[str, ConsiderParameter]:
+        """What is known of each consider parameter of one component, by name."""
+        return scalars_of(self)
 
     @cached_property
     def motions(self) -> np.ndarray:
@@ -85,8 +78,8 @@ class Linearisation:
         return motions
 
     @cached_property
-    def tilt(self) -> GroundTilt | None:
-        """The tilt of the ground about where the body is at the end.
+    def tilt(self) -> ConsiderParameter | None:
+        """The tilt of the ground about the point of it below the body's `end`.
 
         None where it is known, or there is none.
         """
@@ -95,6 +88,17 @@ class Linearisation:
         if exact or TOUCH_TERM not in self.kkt.problem.costs:
             return None
         return ground_tilt(self, self.end * (1, 1, 0))
+
+    def slopes_by_tilt(self, points) -> np.ndarray:
+        """Return how poses at points (n, 3) [m] of the ground's frame move by the tilt.
+
+        (n, 6, 2), positions [m/rad] and rotations, world frame.
+        """
+        arm = (points - self.end * (1, 1, 0)) @ self.R_wg.T
+        axes = self.R_wg[:, :2]
+        positions = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
+        rotations = np.broadcast_to(axes, positions.shape)
+        return np.concatenate([positions, rotations], axis=1)
 
     @cached_property
     def values(self) -> dict[str, np.ndarray]:
@@ -106,12 +110,12 @@ class Linearisation:
         """The rotation (3, 3) from the ground's frame, of the problem, to the world."""
         return frame_of(self.job.scene.ground).rotation.T
 
-    @property
+    @cached_property
     def end(self) -> np.ndarray:
         """The body's middle (3,) [m] at the last sample, ground frame."""
         theta, x = self.values["theta"], self.values["x"][:, -1:]
         shape, motion = self.window.shape, self.window.motion
-        if shape.last_pose_held:
+        if shape.of_vertices:
             return theta.mean(axis=1)
         return pose_jacobians(shape, motion, theta[:, 0], x)[0][0]
 
@@ -176,84 +180,3 @@ def difference(by_gradient, by_constraint, ends, step) -> np.ndarray:
     """Return the change (k,) with r; ends: KKT residuals at r = step, -step."""
     (s, g), (s_1, g_1) = ends
     return -(by_gradient.T @ (s - s_1) + by_constraint.T @ (g - g_1)) / (2 * step)
-
-
-@dataclass(frozen=True, eq=False)
-class GroundTilt:
-    """What is known of the rotations r (2,) [rad] of the ground from where it is taken.
-
-    slope (unknowns, 2): derivative of the gradient by r; about (3,) [m]: the point of
-    the ground that stays, ground frame; R_wg (3, 3): from there to the world; mean
-    (2,), information (2, 2) of r by touches and prior; level: odds that there is no
-    rotation at all, 0 once one was estimated.
-    """
-
-    slope: np.ndarray
-    about: np.ndarray
-    R_wg: np.ndarray
-    mean: np.ndarray
-    information: np.ndarray
-    level: float
-
-    @property
-    def gain(self) -> float:
-        """By how many nats the likeliest r lowers the objective."""
-        return float(self.mean @ self.information @ self.mean) / 2
-
-    @property
-    def squared(self) -> np.ndarray:
-        """E[r r'] (2, 2)."""
-        second = np.linalg.inv(self.information) + np.outer(self.mean, self.mean)
-        return second / (1 + self.level)
-
-    def covariance(self, by_gradient, by_ground=0.0) -> np.ndarray:
-        """Return the covariance (k, k) by it.
-
-        by_gradient: see KKTSystem.sensitivity; by_ground: see Linearisation.response.
-        """
-        moves = by_ground - by_gradient.T @ self.slope
-        return moves @ self.squared @ moves.T
-
-    def slopes_of_poses(self, points) -> np.ndarray:
-        """Return how poses at points (n, 3) [m] of the ground's frame turn with it.
-
-        (n, 6, 2), positions [m/rad] and rotations, world frame.
-        """
-        arm, axes = (points - self.about) @ self.R_wg.T, self.R_wg[:, :2]
-        positions = np.stack([np.cross(axis, arm) for axis in axes.T], axis=2)
-        rotations = np.broadcast_to(axes, positions.shape)
-        return np.concatenate([positions, rotations], axis=1)
-
-
-def ground_tilt(linearisation: Linearisation, about) -> GroundTilt:
-    """Return what is known of the tilt of the ground at a solution.
-
-    about (3,) [m]: the point of the ground that stays, ground frame.
-    """
-    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
-    touch, ground, by_turn = window.touch, job.scene.ground, []
-    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
-        turn = [-TILT_STEP * way[0], -TILT_STEP * way[1], 0.0]
-        R = Rotation.from_rotvec(turn).as_matrix()
-        seen = job.data.transformed(R, about - R @ about)
-        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
-        p_wf[:, :3] = seen.finger_position[at]
-        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
-            p_wf[:, 3:] = seen.finger_orientation[at]
-        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
-        ends = ends_of(linearisation, replace(window, touch=touched))
-        by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
-    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
-    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
-    response = np.stack([kkt.moved(b) for b in slope.T], axis=1)
-    data = np.array([[xx, mixed], [mixed, yy]]) + slope.T @ response
-    values, vectors = np.linalg.eigh((data + data.T) / 2)
-    prior = 1 / job.scene.sigma_tilt**2
-    information = (vectors * (np.maximum(values, 0.0) + prior)) @ vectors.T
-    tilted = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
-    mean = np.linalg.solve(information, np.array([pull_x, pull_y]) - prior * tilted)
-    level = 0.0
-    if ground.told is None:
-        share = np.sqrt(np.linalg.det(information)) / prior
-        level = share * np.exp(-mean @ information @ mean / 2)
-    return GroundTilt(slope, about, ground.rotation.T, mean, information, float(level))

@@ -55,7 +55,7 @@ def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optim
     moving = np.flatnonzero(np.abs(jacobian).max(axis=1) > 0)
     variance = np.zeros(6 * len(poses))
     if free and tilt is not None:
-        by_ground = tilt.slopes_of_poses(p).reshape(-1, 2)[moving]
+        by_ground = linearisation.slopes_by_tilt(p).reshape(-1, 2)[moving]
     response = linearisation.response(chosen, jacobian[moving], by_ground)
     budget = summed(errors_by_name(response))
     variance[moving] = (1.0 - sum(weight for weight, _ in optima)) * np.diag(budget)
@@ -95,16 +95,16 @@ def response_to_ground(linearisation: Linearisation, tangent) -> tuple:
 
     In planar motion z is in the ground's frame: there the latter adds what turns.
     """
-    tilt, window = linearisation.tilt, linearisation.window
-    if tilt is None:
+    window = linearisation.window
+    if linearisation.tilt is None:
         return 0.0, None
-    if window.shape.last_pose_held:
-        vertices = tilt.slopes_of_poses(linearisation.values["theta"].T)
+    if window.shape.of_vertices:
+        vertices = linearisation.slopes_by_tilt(linearisation.values["theta"].T)
         return vertices[:, :3].reshape(-1, 2), None
     p = linearisation.end[None]
     if window.motion.name != "free":
         return 0.0, errors_of_ground(linearisation, p)[0]
-    pose = tilt.slopes_of_poses(p)[0]
+    pose = linearisation.slopes_by_tilt(p)[0]
     return np.vstack([np.zeros((len(tangent.z) - 6, 2)), pose]), None
 
 
@@ -114,7 +114,7 @@ def errors_of_ground(linearisation: Linearisation, points) -> np.ndarray:
     By the tilt of the ground's frame, and by corners that stand UNEVEN off its plane.
     points (n, 3) [m]: where the poses are, ground frame.
     """
-    poses, R_wg = linearisation.tilt.slopes_of_poses(points), linearisation.R_wg
+    poses, R_wg = linearisation.slopes_by_tilt(points), linearisation.R_wg
     C = poses @ linearisation.tilt.squared @ poses.swapaxes(1, 2)
     legs = linearisation.window.supports(linearisation.values["theta"].T.ravel())
     arm = np.maximum(np.sum(legs[:, :2] ** 2) / 2, LEAST_ARM**2)

@@ -9,7 +9,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..common.brief import printed
-from ..common.validation import as_floats, as_number, check_types, check_whole
+from ..common.validation import (
+    check_range,
+    check_types,
+    check_whole,
+    checked_place,
+    numbers_of,
+)
 from ..data.measurements import FARTHEST
 from ..errors import OptionError, StartError, shortened, typed_call
 from ..local.job import FunctionsByPage
@@ -17,6 +23,7 @@ from ..problem.reductions import REDUCTION_NAMES, Reductions
 from ..solvers.options import check_positive
 
 MOST_STARTS = 1_000_000  # [-] hypotheses or starts
+MAX_YAW = 2 * np.pi  # [rad] of a guess
 # (hypotheses, starts) for noisy, for precise sensors.  Of 22 noisy recordings four
 # starts end higher than six in one, by 0.2 nats; three miss that of a poor guess.
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
@@ -122,22 +129,13 @@ class Guess:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        sides, place = as_floats(self.side_lengths), as_floats(self.position)
-        yaw = as_number(self.yaw)
-        near = place.shape in ((2,), (3,)) and (abs(place) <= FARTHEST).all()
-        long = sides.ndim == 1 and (sides > 0).all()
-        for name, array, fit, expected in (
-            ("side_lengths", sides, long, "(3,) above 0 [m]"),
-            ("position", place, near, f"(2,) or (3,) [m], within {FARTHEST:.0f} m"),
-            ("yaw", yaw, abs(yaw) <= 2 * np.pi, "one number [rad], within 2 pi"),
-        ):
-            if not (fit and np.isfinite(array).all()):
-                got = shortened(getattr(self, name), most=80)
-                raise StartError(
-                    "cannot be guessed", where=f"start.{name}", got=got,
-                    expected=f"{expected}, finite",
-                )  # fmt: skip
-            object.__setattr__(self, name, array)
+        of_sizes = "start.side_lengths", self.side_lengths, StartError, "n"
+        sides = numbers_of(*of_sizes, unit="[m]", positive=True)
+        place = checked_place("start.position", self.position, StartError, FARTHEST)
+        check_range("start.yaw", self.yaw, -MAX_YAW, MAX_YAW, "[rad]", StartError)
+        object.__setattr__(self, "side_lengths", sides)
+        object.__setattr__(self, "position", place)
+        object.__setattr__(self, "yaw", float(self.yaw))
 
 
 class Session:

@@ -16,10 +16,9 @@ from ..common.npz import versions
 from ..data.ground import frame_of
 from ..data.mistakes import suspicion
 from ..data.sensor_noise import shift_in_time, with_fingers_earlier
-from ..geometry.convex_hull import centroid, fingers_in_body
-from ..geometry.faces import polygons
+from ..geometry.convex_hull import centroid
+from ..geometry.faces import polygons, touched_polygons
 from ..geometry.transforms import (
-    directions_in_body,
     is_planar,
     matrices,
     quaternion_of,
@@ -40,10 +39,6 @@ from ..tracking.surface import body_surface
 from .request import CHECK_FOR_MISTAKES, Request
 from .result import OF_SOLVE, Estimate
 
-FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it
-FACE_TILT = 0.05  # [rad] as exact as touched faces come out
-# [rad], deviations: a touch at most so far off is of a face
-MAX_TILT, TILT_DEVIATIONS = 0.14, 3.0
 CASTS_DOUBT = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
 
@@ -59,7 +54,7 @@ def read_off(
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
-    body = (read_hull if job.shape.last_pose_held else read_sized)(job, solved)
+    body = (read_hull if job.shape.of_vertices else read_sized)(job, solved)
     information = information_in_time(job, solved, body["faces"], modes)
     status = deadline.marked(solution.status)
     fit = with_doubts(solved.fit, solved.skipped)
@@ -151,27 +146,6 @@ def read_hull(job, solved) -> dict:
     return {"position": p, "quaternion": q, "body_vertices": vertices, "faces": faces}
 
 
-def touched_polygons(window, vertices, faces, x, sigma: float) -> np.ndarray:
-    """Return the number of touches of each face of a hull at poses x (u, T).
-
-    faces: corners and outward normal of each, as of `geometry.faces.polygons`; sigma:
-    deviation of felt normals [rad].  A touch belongs to the face whose normal is
-    closest to the felt one, and to others within the error of felt normals.
-    """
-    facing = np.cos(min(MAX_TILT, FACE_TILT + TILT_DEVIATIONS * sigma))
-    touch = window.touch
-    centre = fingers_in_body(touch, x)
-    n = directions_in_body(x, touch.sample, touch.normal)
-    point = centre - touch.radius[:, None] * n
-    alike = []  # (faces, touches): cosine to a face that the point is on
-    for corners, normal in faces:
-        off = (point - vertices[corners[0]]) @ normal
-        alike.append(np.where(np.abs(off) < FACE_REACH, n @ normal, -1.0))
-    alike = np.array(alike)
-    best = np.maximum(alike.max(axis=0, initial=-1.0), np.cos(MAX_TILT))
-    return np.count_nonzero((alike > facing) | (alike >= best), axis=1)
-
-
 def poses_at_samples(job, x) -> np.ndarray:
     """Return poses x (unknowns, T) at the samples, which are those of late sensors.
 
@@ -189,7 +163,7 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
         kkt = kkt_system_of(solved.problem, solved.solution, job.deadline)
         job.deadline.check()
         linearisation = Linearisation(kkt, job, solved.window)
-        optima = [] if job.shape.last_pose_held else [mode.optimum for mode in modes]
+        optima = [] if job.shape.of_vertices else [mode.optimum for mode in modes]
         return information_of(linearisation, solved, faces, optima)
     except OutOfTime:
         job.deadline.omit("standard deviations")
@@ -257,7 +231,7 @@ def information_of_prior(job, solved) -> Information:
     solution, tangent = solved.solution, solved.tangent
     shape, k = solved.window.shape, len(tangent.names)
     C = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
-    if shape.last_pose_held:  # all of them may be elsewhere together
+    if shape.of_vertices:  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (k // 3, 1))
         C += REACHED**2 * along @ along.T
     matrix = np.linalg.inv(C)

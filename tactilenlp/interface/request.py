@@ -102,7 +102,7 @@ def read_request(
     if isinstance(start, Estimate) and scene.latency is None:
         job = job.as_late_as(start.sensors)
     known = [] if start is None else hypotheses_to_continue(start, shape, scene, data)
-    if shape.tracked and isinstance(start, Estimate):
+    if not shape.of_vertices and isinstance(start, Estimate):
         # What another page found is no posterior of this one.
         known = known if start.formulation == name_of(page) else []
     return Request(data, job, start, executor, kept_axes(start, job)), known
@@ -119,13 +119,18 @@ def checked_request(scene, shape, formulation, options, executor) -> tuple:
     page = page_of(formulation, shape)
     check_page(page, shape, scene)
     check_executor(executor, shape)
-    if not shape.tracked:
+    if shape.of_vertices:
         check_round(scene)
     return scene, shape, options, page
 
 
 def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     """Return what a solve needs: data in the ground's frame, noisy paths smoothed.
+
+    What pages, search and information call the world w is from here on the frame g of
+    the ground (data/ground.py), in which the ground is z = 0; without a ground, the
+    world.  Poses, impulses and finger offsets are turned back in interface/readout.py,
+    covariances by R_wg in information (tangent_space.py, trajectory.py).
 
     began [s] of time.monotonic(); functions: FunctionsByPage to share, by default new.
     """
@@ -264,7 +269,7 @@ def hypotheses_to_continue(start, shape, scene, data) -> list[Hypothesis]:
     polytope may start from an estimate of any shape, with its vertices and poses.
     """
     if isinstance(start, Guess):
-        if not shape.tracked:
+        if shape.of_vertices:
             raise StartError(
                 "a polytope starts without a guess", where="start", got="a Guess",
                 expected="an Estimate, or None",
@@ -284,7 +289,7 @@ def hypotheses_to_continue(start, shape, scene, data) -> list[Hypothesis]:
     last = np.flatnonzero(data.action == data.action[done - 1])
     if last[-1] >= done:  # it ends within this action
         done = int(last[0])
-    if not shape.tracked:
+    if shape.of_vertices:
         return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(

@@ -14,7 +14,7 @@ from formulations.rigid_body import PLANAR
 from ..geometry.convex_hull import hull_vertices, volume
 from ..geometry.simplification import more_vertices
 from ..geometry.tipping import planar_to_free
-from ..problem.polytope_window import window_of
+from ..problem.polytope_window import build_window
 from ..problem.reductions import required_reductions
 from ..problem.unreduced import transferred_values
 from ..problem.window import Window
@@ -47,7 +47,7 @@ def page_window(job: Job, hypothesis=None) -> Window:
     """Return the window that a job's page reads, solved from a hypothesis."""
     made = required_reductions(job.page, job.reductions)
     guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
-    return window_of(replace(job, reductions=made), guess)
+    return build_window(replace(job, reductions=made), guess)
 
 
 # Solves from a hypothesis
@@ -168,7 +168,7 @@ def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
 def _collapsed(solved: Solved) -> bool:
     """Tell whether the vertices where a solve ended lie in a plane: no body is left."""
     at, shape = solved.at, solved.job.shape
-    return shape.window_depends_on_start and not volume(at.theta.reshape(-1, 3))
+    return shape.of_vertices and not volume(at.theta.reshape(-1, 3))
 
 
 def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
@@ -176,7 +176,7 @@ def with_vertices_on_hull(shape, h: Hypothesis) -> Hypothesis:
 
     No contact sees a vertex inside.  Other shapes have none.
     """
-    if not shape.window_depends_on_start:
+    if not shape.of_vertices:
         return h
     vertices = h.theta.reshape(-1, 3)
     onto = more_vertices(hull_vertices(vertices), len(vertices))

@@ -182,7 +182,7 @@ class Solved:
         """The coordinates of the shape and, unless it is held, of its final pose."""
         R_wg = frame_of(self.job.scene.ground).rotation.T
         problem, solution, window = self.problem, self.solution, self.window
-        if window.shape.last_pose_held:
+        if window.shape.of_vertices:
             return tangent_space_of_hull(problem, solution, R_wg)
         return tangent_space_of(problem, solution, window, R_wg)
 
@@ -254,7 +254,7 @@ def comparable(best: Solved, solved) -> list[Solved]:
 def settings_of(job: Job) -> SolverOptions:
     """Return the solver's settings within the time that a job has left."""
     left = min(LEVEL_TIME, max(0.1, job.deadline.left))
-    kinked = ACCEPTABLE if job.shape.window_depends_on_start else {}
+    kinked = ACCEPTABLE if job.shape.of_vertices else {}
     ipopt = {**kinked, **job.options.ipopt}
     tolerance = job.options.tolerance
     return SolverOptions(tolerance, left, ipopt=ipopt, deadline=job.deadline)

@@ -5,9 +5,10 @@ on second derivatives, and two to four times as fast again where several instanc
 evaluated at once (simd.py).  The library is kept in the user's cache folder
 (library_cache.py) under the hash of its origin: expression, derivation rule, compiler,
 processor and CasADi version.  Compilers run beside this process (compilation.py), which
-waits for one when its functions are needed (`begun`).  Without a C compiler, with
-TACTILENLP_COMPILE=0, or where compiler or folder cannot be used, CasADi's virtual
-machine evaluates the same expressions; the last of these is logged as one warning.
+waits for one when its functions are needed (`start_compilation`).  Without a C
+compiler, with TACTILENLP_COMPILE=0, or where compiler or folder cannot be used,
+CasADi's virtual machine evaluates the same expressions; the last of these is logged as
+one warning.
 """
 
 from __future__ import annotations
@@ -35,35 +36,35 @@ FLAGS = ("-O1", "-shared", "-fPIC", "-ffp-contract=off")
 # Passes of GCC that take up to two thirds of its time on 10 000 lines without a branch,
 # and change nothing there: CasADi has eliminated common subexpressions already.
 UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
-_said: set[str] = set()  # cache folders about which a warning was logged
+_warned_folders: set[str] = set()  # cache folders about which a warning was logged
 
 
 def compiled(functions: list[ca.Function]) -> list[ca.Function]:
     """Return the functions compiled, or unchanged where that is not possible."""
-    return begun(functions)()
+    return start_compilation(functions)()
 
 
-def begun(
+def start_compilation(
     functions: list[ca.Function],
     origin: str = "",
     deadline: Deadline = NEVER,
     vectors: bool = False,
 ) -> Callable[[], list[ca.Function]]:
-    """Begin to compile functions; return what waits and returns them compiled.
+    """Start to compile functions; return what waits and returns them compiled.
 
     Unchanged where that is not possible.  origin: text that determines the functions,
-    by which `kept` finds them again; by default their own C source; deadline: the time
-    for compilation is a share of all; vectors: those that can evaluate several
-    instances at once do, as columns of their arguments (simd.WIDTH).
+    by which `compiled_earlier` finds them again; by default their own C source;
+    deadline: the time for compilation is a share of all; vectors: those that can
+    evaluate several instances at once do, as columns of their arguments (simd.WIDTH).
     """
-    if compiler() is None or _place() in _said:
+    if compiler() is None or _configured_folder() in _warned_folders:
         return lambda: functions
     if time_for_compilation(deadline) < LEAST_COMPILE_TIME:
         return lambda: functions
     source = _source(functions, vectors)
     names = [f.name() for f in functions]
     load = partial(_externals, names)
-    found = _begun(load, origin or source, source, deadline)
+    found = _library_getter(load, origin or source, source, deadline)
     return cache(lambda: found() or functions)
 
 
@@ -78,19 +79,21 @@ def _source(functions: list[ca.Function], vectors: bool) -> str:
     return generator.dump() + vector_source(wide)
 
 
-def kept(names, origin: str) -> list[ca.Function] | None:
+def compiled_earlier(names, origin: str) -> list[ca.Function] | None:
     """Return the functions compiled from this origin earlier, or None."""
-    return None if compiler() is None else _begun(partial(_externals, names), origin)()
+    if compiler() is None:
+        return None
+    return _library_getter(partial(_externals, names), origin)()
 
 
 def library(source: str) -> ctypes.CDLL | None:
     """Return the library of a C source of our own, or None where it is not possible."""
-    if compiler() is None or _place() in _said:
+    if compiler() is None or _configured_folder() in _warned_folders:
         return None
-    return _begun(ctypes.CDLL, source, source)()
+    return _library_getter(ctypes.CDLL, source, source)()
 
 
-def _begun(
+def _library_getter(
     load: Callable, origin: str, source: str | None = None, deadline: Deadline = NEVER
 ) -> Callable:
     """Return what gives load(path) of a library, or None.
@@ -111,7 +114,7 @@ def _begun(
 
     def found():
         if not compilation.is_ours:
-            return _begun(load, origin, source, deadline)()
+            return _library_getter(load, origin, source, deadline)()
         try:
             return _loaded(path, load) if compilation.finished() else None
         except (OSError, ValueError) as error:
@@ -148,16 +151,16 @@ def _flags() -> tuple[str, ...]:
     return (*FLAGS, *own_flags(), *(UNUSED_PASSES if "gcc" in file else ()))
 
 
-def _place() -> str:
+def _configured_folder() -> str:
     """Return what a warning is logged once about: the cache folder as configured."""
     return f"{os.environ.get('XDG_CACHE_HOME')} {os.environ.get('HOME')}"
 
 
 def _warn_once(error: Exception) -> None:
     """Log once for a cache folder that functions are not compiled."""
-    if _place() not in _said:
+    if _configured_folder() not in _warned_folders:
         log.warning("term functions are not compiled, solves are slower: %s", error)
-    _said.add(_place())
+    _warned_folders.add(_configured_folder())
 
 
 @cache

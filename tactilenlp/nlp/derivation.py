@@ -58,12 +58,12 @@ def _merged(roots: list[tuple], value) -> tuple[list[tuple], ca.SX]:
     if len(roots) > 1:
         left = iter(ca.cse(ca.vertcat(*equations)).elements())
         equations = [ca.vertcat(*islice(left, F.numel())) for F in equations]
-    kept = {}
+    root_by_equation = {}
     for root, equation in zip(roots, equations, strict=True):
         key = tuple(one.element_hash() for one in equation.elements())
-        first = kept.setdefault(key, root)
+        first = root_by_equation.setdefault(key, root)
         value = ca.substitute(value, root[0], first[0])
-    return [*kept.values()], value
+    return [*root_by_equation.values()], value
 
 
 def _common(roots: list[tuple], whole) -> tuple[ca.Function | None, ca.SX]:

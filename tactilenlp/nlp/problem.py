@@ -240,8 +240,8 @@ class Problem:
 
     # -- making terms -----------------------------------------------------------------
     def _new(self, name: str, table: dict) -> None:
-        for made in ("assembly", "scale", "eliminated"):
-            self.__dict__.pop(made, None)
+        for outdated in ("assembly", "scale", "eliminated"):
+            self.__dict__.pop(outdated, None)
         if not isinstance(name, str) or name in table:
             raise PageError("declared twice", where=name, next="give it another name")
 
@@ -250,7 +250,7 @@ class Problem:
         return sum(map(len, self._data[:-1]))
 
     def _add(
-        self, kept, name, function, arguments, role=None, first_row=0, derive=None,
+        self, terms, name, function, arguments, role=None, first_row=0, derive=None,
         per=None, **limits,
     ):  # fmt: skip
         """Keep a term among others; what has no instance is left out and costs none."""
@@ -281,7 +281,7 @@ class Problem:
         limits = limits_of(name, (instances, derived.rows), limits)
         empty = np.zeros((instances, 0), int)
         read = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
-        kept[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
+        terms[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
                           per=per and per.name)  # fmt: skip
 
     def _function_of(self, name, derive, function, sizes, order):
@@ -289,8 +289,8 @@ class Problem:
         if (key := (name, *order)) not in self.functions_by_name:
             self.deadline.check()
             of = partial(self.cache.of, deadline=self.deadline, noting=self.noting)
-            made = term_function_named(name, derive or of, function, sizes, order)
-            self.functions_by_name[key] = made
+            derived = term_function_named(name, derive or of, function, sizes, order)
+            self.functions_by_name[key] = derived
         return self.functions_by_name[key]
 
     def _data_indices(self, name: str, argument) -> np.ndarray:

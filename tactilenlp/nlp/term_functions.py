@@ -22,7 +22,7 @@ import numpy as np
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
-from .codegen import begun, kept
+from .codegen import compiled_earlier, start_compilation
 from .derivation import PARTS, derivatives, expressions_of, values
 from .simd import WIDTH
 
@@ -41,7 +41,7 @@ class TermFunction:
     value (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
     triangle of the Hessian of l' value.  Compiled, each may take several instances at
     once, as columns: see `of_columns`.  rows, unknowns, data, roots, arguments: lengths
-    of value, z, d, u, a; equations: how many roots u are; made, solver: return the
+    of value, z, d, u, a; equations: how many roots u are; compiled, solver: return the
     functions, waiting for compilers that still run.
     """
 
@@ -51,14 +51,14 @@ class TermFunction:
     roots: int
     arguments: int
     equations: int
-    made: Callable[[], list[ca.Function]]
+    compiled: Callable[[], list[ca.Function]]
     solver: Callable[[], ca.Function] | None = None
     jacobian_sparsity: ca.Sparsity | None = None
     hessian_sparsity: ca.Sparsity | None = None
 
     def part(self, name: str) -> ca.Function:
         """Return one of the functions, by its name in PARTS."""
-        return self.made()[PARTS.index(name)]
+        return self.compiled()[PARTS.index(name)]
 
     def evaluated(self, name: str, z, d, *weights) -> list[np.ndarray]:
         """Return what a part returns for several instances, columns of all arrays.
@@ -80,16 +80,16 @@ class TermFunctionCache:
 
     The caller owns a cache and passes it as `Problem(cache=...)`; without one, problems
     use the default of the process (`default_cache`).  derive: False for a problem whose
-    terms are evaluated, but that is not solved.  functions, solvers: by serialised
-    expression; derived: how many were not compiled earlier; seconds [s]: what it took
-    to differentiate these.
+    terms are evaluated, but that is not solved.  functions_by_key, solvers_by_key: the
+    keys are serialised expressions; derived: how many were not compiled earlier;
+    seconds [s]: what it took to differentiate these.
 
     A cache stays in its process: unpickled elsewhere it is the default cache there.
     """
 
     derive: bool = True
-    functions: dict[str, TermFunction] = field(default_factory=dict)
-    solvers: dict[str, Callable] = field(default_factory=dict)
+    functions_by_key: dict[str, TermFunction] = field(default_factory=dict)
+    solvers_by_key: dict[str, Callable] = field(default_factory=dict)
     derived: int = 0
     seconds: float = 0.0
 
@@ -117,31 +117,35 @@ class TermFunctionCache:
         *term, solver = expressions_of(function, unknowns, order, noting)
         of_roots = _digest(solver) if solver else ""
         key = "".join([*(part.serialize() for part in term), of_roots])
-        if key not in self.functions:
+        if key not in self.functions_by_key:
             derived = partial(derivatives, *term)
-            parts, made = self._made(PARTS, key, derived, deadline)
+            parts, compiled = self._compiled_or_derived(PARTS, key, derived, deadline)
             solve = self._solver(solver, of_roots, deadline) if solver else None
-            self.functions[key] = _term_function(parts, made, solver, solve)
-        return self.functions[key]
+            self.functions_by_key[key] = _term_function(parts, compiled, solver, solve)
+        return self.functions_by_key[key]
 
     def _solver(self, solver: ca.Function, key: str, deadline: Deadline) -> Callable:
         """Return what returns a solver, compiled once for all terms if possible."""
-        if key not in self.solvers:
-            _, made = self._made([solver.name()], key, lambda: [solver], deadline)
-            self.solvers[key] = lambda: made()[0]
-        return self.solvers[key]
+        if key not in self.solvers_by_key:
+            _, compiled = self._compiled_or_derived(
+                [solver.name()], key, lambda: [solver], deadline
+            )
+            self.solvers_by_key[key] = lambda: compiled()[0]
+        return self.solvers_by_key[key]
 
-    def _made(self, names, key: str, derive: Callable, deadline: Deadline) -> tuple:
-        """Return functions, and what returns them compiled: earlier ones, if kept."""
+    def _compiled_or_derived(
+        self, names, key: str, derive: Callable, deadline: Deadline
+    ) -> tuple:
+        """Return functions, and what returns them compiled, earlier or from now on."""
         origin = _derivation_rule() + key
-        if functions := kept(names, origin):
+        if functions := compiled_earlier(names, origin):
             return functions, lambda: functions
         began = time.perf_counter()
         functions = derive()
-        made = begun(functions, origin, deadline, True)
+        compiled = start_compilation(functions, origin, deadline, True)
         self.derived += 1
         self.seconds += time.perf_counter() - began
-        return functions, made
+        return functions, compiled
 
 
 _default = TermFunctionCache()
@@ -156,9 +160,9 @@ def without_derivatives(
     function: Callable, unknowns: list[int], order: list[tuple]
 ) -> TermFunction:
     """Return a term function without derivatives: for what is read off a solution."""
-    made = values(expressions_of(function, unknowns, order))
-    sizes = made[1].size1_out(0), *(made[1].size1_in(k) for k in range(3))
-    return TermFunction(*sizes, 0, 0, lambda: made)  # roots are written out
+    parts = values(expressions_of(function, unknowns, order))
+    sizes = parts[1].size1_out(0), *(parts[1].size1_in(k) for k in range(3))
+    return TermFunction(*sizes, 0, 0, lambda: parts)  # roots are written out
 
 
 def term_function_named(name: str, derive, function, sizes, order) -> TermFunction:
@@ -225,7 +229,7 @@ def _digest(function: ca.Function) -> str:
     return hashlib.sha256(function.serialize().encode()).hexdigest()
 
 
-def _term_function(parts, made: Callable, solver, solve) -> TermFunction:
+def _term_function(parts, compiled: Callable, solver, solve) -> TermFunction:
     """Return the term function of PARTS; outputs of `patterns` are its sparsities."""
     arguments, first, _, patterns = parts
     roots = first.size1_in(2)
@@ -236,7 +240,7 @@ def _term_function(parts, made: Callable, solver, solve) -> TermFunction:
         roots=roots,
         arguments=arguments.size1_out(0),
         equations=roots // solver.size1_out(0) if solver else 0,
-        made=made,
+        compiled=compiled,
         solver=solve,
         jacobian_sparsity=patterns.sparsity_out(0),
         hessian_sparsity=patterns.sparsity_out(1),

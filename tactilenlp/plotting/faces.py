@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection
 
 from ..common.brief import MM_PER_M
-from ..geometry.faces import FACE_COSINE, face_sigma, is_box, polygons
-from ..geometry.transforms import rotation_of
+from ..geometry.faces import face_sigma, is_box, polygons, touched_faces
+from ..information.error_budget_terms import VERTICAL
 from ..information.measurement_noise import KNOWN_FACE
 
 MAX_DRAWN_SIGMA = 26e-3  # [m] of an unobserved face: the band stays within the margins
@@ -68,16 +68,15 @@ def _moved(normals, away, by) -> np.ndarray:
 
 def _touched(estimate, normals) -> np.ndarray:
     """Tell which faces were touched or lie on the ground, (faces,) bool."""
-    data, scene = estimate.measurements, estimate.scene
-    t, f = np.nonzero(data.contact)
-    R_ow = rotation_of(estimate.quaternion[t]).inv()
-    met = R_ow.apply(data.normal[t, f]) @ normals.T > FACE_COSINE
+    scene, touches = estimate.scene, estimate.faces
+    if touches.shape != normals.shape[:1]:  # not counted by the estimate
+        touches = touched_faces(estimate.measurements, estimate.quaternion, normals)
     # As many samples as make a face of a cuboid count as touched in its sigma.
     enough = KNOWN_FACE if is_box(estimate) else 1
     down = np.zeros(len(normals), bool)
     if scene.ground is not None:
-        down = normals @ estimate.rotation().T @ scene.ground.normal < -FACE_COSINE
-    return (met.sum(axis=0) >= enough) | down
+        down = normals @ estimate.rotation().T @ scene.ground.normal < -VERTICAL
+    return (touches >= enough) | down
 
 
 def _deviations(estimate, sample: int, normals) -> np.ndarray:

@@ -44,7 +44,11 @@ TITLE = 66  # characters of a line above the axes
 
 @picture
 def plot_scene(estimate: Estimate, sample: int = -1, truth=None, axis=None) -> Figure:
-    """Draw object, fingers and contacts at a sample in 3-D."""
+    """Draw object, fingers and contacts at a sample in 3-D.
+
+    sample: an index, -1 the last; truth: as in this module; axis: one Axes in 3-D.
+    Raises OptionError for an index of no sample or another axis.
+    """
     axis = one_axis(axis, 4.6, 3.6, projection="3d")
     draw_scene(axis, estimate, sample, truth, view_of(estimate, [sample]))
     axis.set_title(title_of(estimate.measurements, sample))

@@ -19,7 +19,7 @@ from formulations.pushed_hull import LIFTED
 from ..geometry.convex_hull import fingers_in_body, nearest_points, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
-from .reductions import reduce
+from .reductions import window_of_samples
 from .window import Corners, Rests, Window
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def with_supports(shape, vertices):
     return replace(shape, theta=vertices.size, counts=(), corners=corners)
 
 
-def window_of(job: Job, guess=None, resting=None) -> Window:
+def build_window(job: Job, guess=None, resting=None) -> Window:
     """Return the window that a page reads.
 
     guess: theta and x, where a page starts.  Of a polytope whose vertices it gives,
@@ -257,11 +257,11 @@ def window_of(job: Job, guess=None, resting=None) -> Window:
     of the guess.
     """
     shape = job.shape
-    near_start = shape.window_depends_on_start and guess is not None
+    near_start = shape.of_vertices and guess is not None
     if near_start:
         vertices = np.reshape(guess[0], (-1, 3))
         shape = with_supports(shape, vertices)
-    window = reduce(
+    window = window_of_samples(
         job.data, job.scene, shape, job.precision, job.reductions, guess, job.cuts
     )
     if not near_start:

@@ -82,7 +82,9 @@ def states_planar_motion(page) -> bool:
     return contract_of(page).reductions.get("planar", False)
 
 
-def reduce(data, scene, shape, precision, choice=None, guess=None, cuts=()) -> Window:
+def window_of_samples(
+    data, scene, shape, precision, choice=None, guess=None, cuts=()
+) -> Window:
     """Return the window of `data` (ground at z = 0) under the chosen reductions.
 
     guess: theta and x (unknowns, T) that say what is far and which corners are low;

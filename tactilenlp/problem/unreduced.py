@@ -18,7 +18,7 @@ from formulations.names import FINGER, GROUND
 
 from ..nlp.kkt import gradient
 from ..nlp.problem import Problem
-from .polytope_window import window_of
+from .polytope_window import build_window
 
 if TYPE_CHECKING:
     from ..local.job import Job
@@ -60,7 +60,7 @@ def unreduced(job: Job, solved: Solved) -> UnreducedProblem:
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     more = job.with_reductions(**dict.fromkeys(LEFT_OUT, False))
     more = replace(more, cuts=())
-    again = window_of(more, (h.theta, h.x), solved.at.theta)
+    again = build_window(more, (h.theta, h.x), solved.at.theta)
     problem = job.build(again)
     values, _, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))

@@ -112,7 +112,7 @@ def restore_reductions(solved) -> Solved:
             break
         log.info("restoring reductions that do not hold: %s", ", ".join(back))
         more = {*certificates.cuts, *job.cuts}
-        if certificates.cuts and (not job.cuts or job.shape.window_depends_on_start):
+        if certificates.cuts and (not job.cuts or job.shape.of_vertices):
             job = replace(job, cuts=tuple(sorted(more)))
             back.remove("still")
         job = job.with_reductions(**dict.fromkeys(back, False))

@@ -33,7 +33,7 @@ from ..local.solved import (
     search_settings,
 )
 from ..problem.outliers import MIN_OF_TOUCH, unexplained
-from ..problem.polytope_window import PolytopeWindow, window_of
+from ..problem.polytope_window import PolytopeWindow, build_window
 from ..problem.reductions import Reductions
 from ..problem.unreduced import matching_contacts
 from ..problem.window import Corners
@@ -163,7 +163,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
-        window = window_of(job, (h.theta, h.x)).of_action(past.at, about)
+        window = build_window(job, (h.theta, h.x)).of_action(past.at, about)
         centre = centroid(h.theta.reshape(-1, 3))[:2]
         window = with_pushes(job, window, h.x, centre)
         problem = job.build(window, fill=build)

@@ -51,7 +51,7 @@ def most_probable(solves) -> Solved:
     """
     best, several = solves[0], comparable(solves[0], solves)
     shape = best.job.shape
-    if shape.last_pose_held or len(several) < 2:
+    if shape.of_vertices or len(several) < 2:
         return best
     if best.job.deadline.passed("evidence of other optima"):
         return best
@@ -118,7 +118,7 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
 def _starts_from(start, shape) -> bool:
     """Tell whether a class may start from an Estimate or a Guess, which fits it."""
     if isinstance(start, Guess):
-        return shape.tracked and len(start.side_lengths) == shape.theta
+        return not shape.of_vertices and len(start.side_lengths) == shape.theta
     return getattr(start, "shape", None) == shape.name
 
 
@@ -162,7 +162,7 @@ def evidence_of(estimate, shape) -> float:
     covariance = information.of_hessian().covariance_matrix
     late = latency_cost(estimate.scene, estimate.sensors)
     cost = estimate.objective + estimate.scene.tilt_cost + late
-    if shape.last_pose_held:
+    if shape.of_vertices:
         roles = {*information.roles.values()}.intersection(PRIORS)
         held = sum(information.part(role) for role in sorted(roles))
         return -cost - occam_of_vertices(covariance, held)

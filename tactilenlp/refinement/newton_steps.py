@@ -2,7 +2,7 @@
 
 The ground is level or as the scene or an earlier estimate says, contacts and normals
 are as late as these say.  Where a Newton step on one of them, which needs no solve
-(information/linearisation.py, consider_parameters.py), promises to lower the objective,
+(information/consider_parameters.py), promises to lower the objective,
 the data are turned, or fingers put where they were earlier, and the page is solved
 again from the solution, a step at a time.  A tilt must gain as many nats as any larger
 model (nested_models.py); a latency more than its Laplace evidence loses, the logarithm
@@ -22,8 +22,12 @@ from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
 
 from ..data.sensor_noise import LATENCY
-from ..information.consider_parameters import Doubt, late_touches
-from ..information.linearisation import Linearisation, ground_tilt
+from ..information.consider_parameters import (
+    ConsiderParameter,
+    ground_tilt,
+    late_touches,
+)
+from ..information.linearisation import Linearisation
 from ..information.mixture import occam_of
 from ..local.local_solve import continuation, warm_started
 from ..local.margins import BETTER_OPTIMUM, DECISIVE, UNCHANGED
@@ -112,7 +116,7 @@ def _tilt_by_steps(best: Solved, needed) -> Solved:
             break
         if job.deadline.passed("a tilt of the ground"):
             break
-        again = _solved_on_ground(ground.turned(tilt.mean, tilt.about), best)
+        again = _solved_on_ground(ground.turned(tilt.mean, about), best)
         if not again.solution.success or again.cost > best.cost - UNCHANGED:
             break
         best = again
@@ -158,14 +162,15 @@ def with_latency(solves) -> list[Solved]:
     prompt = solves[0]
     if not (may_be_late(prompt.job) and prompt.solution.success):
         return solves
-    needed = _needed_for_latency(prompt, doubt := _doubt_at(prompt))
+    needed = _needed_for_latency(prompt, lag := _lag_at(prompt))
     found = prompt.job.precision.latency > 0
-    if not found and max(misfit_of(prompt).excess, doubt.gain) < needed:
+    if not found and max(misfit_of(prompt).excess, lag.gain) < needed:
         return solves
-    late, doubt = _latency_by_steps(prompt, doubt)
-    if late.cost > prompt.cost - _needed_for_latency(prompt, doubt):
+    late, lag = _latency_by_steps(prompt, lag)
+    if late.cost > prompt.cost - _needed_for_latency(prompt, lag):
         return solves
-    precision = replace(late.job.precision, latency_error=float(np.sqrt(doubt.squared)))
+    error = float(np.sqrt(lag.squared[0, 0]))
+    precision = replace(late.job.precision, latency_error=error)
     log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
              1e3 * precision.latency, prompt.cost - late.cost)  # fmt: skip
     best = replace(late, job=replace(late.job, precision=precision))
@@ -196,30 +201,33 @@ def may_be_late(job) -> bool:
     return job.scene.latency is None and "prompt" in job.contract.freed
 
 
-def _needed_for_latency(prompt: Solved, doubt: Doubt) -> float:
+def _needed_for_latency(prompt: Solved, lag: ConsiderParameter) -> float:
     """Return by how many nats a latency must lower the objective to be believed.
 
-    doubt: what is known of it; where an earlier solve found one, a change of it is due.
+    lag: what is known of it; where an earlier solve found one, a change of it is due.
     """
     if prompt.job.precision.latency > 0:
         return UNCHANGED
-    occam = np.log(LATENCY * np.sqrt(doubt.information))
+    occam = np.log(LATENCY * np.sqrt(lag.information[0, 0]))
     return needed_gain(misfit_of(prompt).spread, occam)
 
 
-def _latency_by_steps(best: Solved, doubt: Doubt) -> tuple[Solved, Doubt]:
-    """Return a solve with the latency that Newton steps lead to, and the doubt left.
+def _latency_by_steps(
+    best: Solved, lag: ConsiderParameter
+) -> tuple[Solved, ConsiderParameter]:
+    """Return a solve with the latency that Newton steps lead to, and its own lag.
 
-    doubt: of the given solve.  A step that gained more than expected is doubled next, one that gained nothing is
-    halved: contacts that begin or end make the curvature too large, or too small.
+    lag: of the given solve.  A step that gained more than expected is doubled next, one
+    that gained nothing is halved: contacts that begin or end make the curvature too
+    large, or too small.
     """
     factor, failed = 1.0, 0
     while failed < MAX_FAILED:
-        if factor <= 1 and factor * doubt.gain < UNCHANGED:
+        if factor <= 1 and factor * lag.gain < UNCHANGED:
             break
         if best.job.deadline.passed("a latency"):
             break
-        step = np.clip(factor * doubt.mean, -LONGEST_LAG, LONGEST_LAG)
+        step = np.clip(factor * lag.mean[0], -LONGEST_LAG, LONGEST_LAG)
         precision = best.job.precision
         precision = replace(
             precision, latency=max(0.0, float(precision.latency + step))
@@ -230,15 +238,15 @@ def _latency_by_steps(best: Solved, doubt: Doubt) -> tuple[Solved, Doubt]:
         if not again.solution.success or gained < BETTER_OPTIMUM:
             factor, failed = factor / 2, failed + 1
             continue
-        more = gained > doubt.gain
-        best, doubt, failed = again, _doubt_at(again), 0
-        ahead = 2 * step / doubt.mean if doubt.mean else 0.0
+        more = gained > lag.gain
+        best, lag, failed = again, _lag_at(again), 0
+        ahead = 2 * step / lag.mean[0] if lag.mean[0] else 0.0
         factor = max(1.0, ahead) if more else 1.0
-    return best, doubt
+    return best, lag
 
 
-def _doubt_at(solved: Solved) -> Doubt:
-    """Return what is known of the latency at a solve."""
+def _lag_at(solved: Solved) -> ConsiderParameter:
+    """Return what is known of how late sensors are besides, at a solve."""
     return late_touches(_linearised(solved))
 
 

@@ -119,7 +119,7 @@ def touched_ends(shape, solved) -> np.ndarray | None:
     None where the last pose is held, or another face is up.  What bounds the sizes of
     classes without opposite faces is not known: no samples.
     """
-    if shape.last_pose_held:
+    if shape.of_vertices:
         return None
     if not shape.faced:
         return np.zeros((shape.theta, 2), int)

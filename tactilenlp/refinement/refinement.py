@@ -40,7 +40,7 @@ def solve_from_hypotheses(job, kept, solves, start=None, earlier=()) -> list[Sol
     where they are added; start: an estimate of this page that this one continues;
     earlier: solves from some of the hypotheses, which compete.
     """
-    tracked = job.shape.tracked
+    of_vertices = job.shape.of_vertices
     required = required_reductions(job.page, Reductions())
     lying = job.scene.ground is not None and all(is_planar(h.x) for h in kept)
     lying = lying and not job.shape.rolls
@@ -48,9 +48,9 @@ def solve_from_hypotheses(job, kept, solves, start=None, earlier=()) -> list[Sol
         flat = replace(job, reductions=required)
         slid = solve_from_hypotheses(flat, kept, solves.provisional(), start)
         slid = continue_if_implausible(slid)
-        if not tracked or planar_certificate(flat, slid[0]).holds:
-            return _solve_in_free_motion(job, slid if tracked else slid[:1], solves)
-    start = start if tracked else None
+        if of_vertices or planar_certificate(flat, slid[0]).holds:
+            return _solve_in_free_motion(job, slid[:1] if of_vertices else slid, solves)
+    start = None if of_vertices else start
     return _solve_promising(job, kept, solves, start, earlier)
 
 
@@ -108,7 +108,7 @@ def update_costs_too_much(request, best: Solved) -> bool:
     The posterior that it started from no longer contained the right trajectory.
     """
     start, job = request.start, request.job
-    if not (job.shape.tracked and continues(start, job)):
+    if job.shape.of_vertices or not continues(start, job):
         return False
     most = update_limit(start, job.data.actions - start.measurements.actions)
     return job.deadline.left > 0 and best.solution.objective > most
@@ -125,7 +125,7 @@ def fits_badly(request, best: Solved) -> bool:
     the class may be wrong.
     """
     job = best.job
-    sought = job.shape.faced or not job.shape.tracked
+    sought = job.shape.faced or job.shape.of_vertices
     sought = sought or isinstance(request.start, Estimate)
     sought = sought and request.job.reductions.planar
     if not (sought and best.solution.success):
@@ -140,7 +140,7 @@ def fits_badly(request, best: Solved) -> bool:
     limit = DECISIVE + UNCHANGED * job.data.actions
     if precise(job.data, job.precision) and physics > limit:
         return True
-    if not (job.shape.tracked and BETWEEN_ACTIONS in problem.costs):
+    if job.shape.of_vertices or BETWEEN_ACTIONS not in problem.costs:
         return False
     if not len(best.window.gap):
         return False
@@ -167,7 +167,7 @@ def growing(request) -> list:
     came about so.
     """
     job, data = request.job, request.job.data
-    if isinstance(request.start, Estimate) and not job.shape.tracked:
+    if isinstance(request.start, Estimate) and job.shape.of_vertices:
         return [job]
     actions = np.unique(data.action)
     touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]

@@ -85,7 +85,7 @@ def tilted_by_normals(flat: Solved) -> Hypothesis:
     Its lowest corner stays on the ground.  Of a polytope: as it is.
     """
     shape = flat.job.shape
-    if shape.last_pose_held:
+    if shape.of_vertices:
         return flat.at
     theta, window = flat.at.theta, with_ideal_fingertips(flat)
     x = planar_to_free(theta, flat.solution.values["x"], shape)

@@ -114,7 +114,7 @@ def _in_turn(job, hypotheses, earlier, solves) -> Iterator:
     for h in progress(hypotheses, "solve"):
         if (earlier or solves.ended) and job.deadline.passed("all hypotheses"):
             break
-        if built is None or job.shape.window_depends_on_start:
+        if built is None or job.shape.of_vertices:
             built = built_page(job, in_motion_of(job, h))
         yield h, built
 

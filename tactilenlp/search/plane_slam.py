@@ -25,7 +25,7 @@ from ..geometry.convex_hull import (
 from ..geometry.transforms import directions_in_body, rotate_planar
 from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
-from ..problem.reductions import reduce
+from ..problem.reductions import window_of_samples
 from ..solvers.solve import solve_levels
 from .predicted_motion import predicted_paths, with_motion, with_pushes
 
@@ -55,7 +55,9 @@ class Faces:
 
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     """Return the poses x (3, T) of one more action, those of its past held."""
-    window = reduce(job.data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        job.data, job.scene, job.shape, job.precision, job.reductions
+    )
     return extensions(job, window, faces, job.data.samples)[0].x
 
 
@@ -158,7 +160,9 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     touch.  At most HYPOTHESES whose turns differ, at most PLANES_BEHIND the best.
     """
     data, levels = samples_until(job.data, samples), polytope_planes.LEVELS
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     if kept:
         starts = [x for one in kept for x in extensions(job, window, one, samples)]
         starts = [merged_faces(window, start) for start in best_of(starts)]

@@ -29,8 +29,8 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.simplification import with_counts
-from ..local.hypothesis import Hypothesis
-from ..problem.reductions import Reductions, reduce
+from ..local.hypothesis import Hypothesis, same_body
+from ..problem.reductions import Reductions, window_of_samples
 from .plane_slam import (
     Faces,
     extended_faces,
@@ -129,12 +129,25 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
         bodies = [unfitted(job, several[0])]
     else:
         hulls = [hull for faces in several for hull in hulls_from(job, faces)]
-        bodies = likeliest(part, hulls)[:BODIES_SOLVED]
+        bodies = of_distinct_bodies(part, likeliest(part, hulls))[:BODIES_SOLVED]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
         for h, stays in zip(bodies, rest, strict=True)
     ]
+
+
+def of_distinct_bodies(job, fits) -> list[Hypothesis]:
+    """Return fits, the best first, of which no two with as many vertices are one body.
+
+    At the end of any action; a closed one stands for both.
+    """
+    ends, chosen = np.flatnonzero(np.diff(job.data.action, append=np.inf)), []
+    for h in sorted(fits, key=lambda h: (not h.closed, h.rank)):
+        others = (other for other in chosen if other.theta.size == h.theta.size)
+        if not any(same_body(job.shape, h, other, ends) for other in others):
+            chosen.append(h)
+    return sorted(chosen, key=lambda h: h.rank)
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
@@ -160,7 +173,9 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     where planes and ground close it.
     """
     data = samples_until(job.data, faces.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     ground = job.scene.ground is not None
     arguments = window, faces, job.shape.size_prior, ground
     theta = corners_behind_planes(*arguments).ravel()
@@ -201,7 +216,9 @@ def with_credible_touches(job):
 def planes_on_body(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
     data = samples_until(job.data, h.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     centre = fingers_in_body(window.touch, h.x)
     point = nearest_points(h.theta.reshape(-1, 3), centre)
     n = centre - point

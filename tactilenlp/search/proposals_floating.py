@@ -30,9 +30,9 @@ def search_plane(job, guess=None) -> Ground:
 
     It is along them and their normals; with a user's guess (a Guess) it is level.
     """
-    on_plane = job.shape.tracked  # polytopes may reach below it
-    data, size = job.data, job.shape.typical_size if on_plane else 0.0
-    felt = data.contact
+    data, felt = job.data, job.data.contact
+    # polytopes may reach below it
+    size = 0.0 if job.shape.of_vertices else job.shape.typical_size
     first = data.action[felt.any(axis=1)][0]
     t, f = np.nonzero(felt & (data.action == first)[:, None])
     n = data.normal[t, f]
@@ -52,7 +52,7 @@ def search_plane(job, guess=None) -> Ground:
 def in_search_plane(job, ground: Ground):
     """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
-    if not job.shape.tracked:
+    if job.shape.of_vertices:
         return replace(job, data=data, functions=FunctionsByPage())
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
     return replace(job, data=data, scene=scene, functions=FunctionsByPage())
@@ -72,7 +72,7 @@ def in_free_motion(h, ground: Ground, shape):
     x = planar_to_free(h.theta, h.x, shape)
     p = ground.from_ground(x[:3].T)
     R = ground.rotation.T @ matrices(x)
-    if shape.last_pose_held:
+    if shape.of_vertices:
         theta = (h.theta.reshape(-1, 3) @ R[-1].T).ravel()
         return replace(h, theta=theta, x=np.vstack([p.T, rotvecs_back(R @ R[-1].T).T]))
     offset = None if h.offset is None else ground.rotation.T @ h.offset

@@ -23,7 +23,7 @@ from ..geometry.transforms import matrices, move_poses, rotate_planar, rotvecs
 from ..local.hypothesis import Hypothesis, distinct
 from ..local.solved import BuiltPage
 from ..problem.outliers import side_tilt
-from ..problem.reductions import SIDE_NORMAL, Reductions, reduce
+from ..problem.reductions import SIDE_NORMAL, Reductions, window_of_samples
 from ..tracking.initial_states import BELOW_TOP
 from .multi_hypothesis import TrackingSearch, smoothed_tracks
 
@@ -204,7 +204,7 @@ def likeliest_tumbles(job, tumbles) -> list[Tumble]:
 def _costs(job, motions) -> list[float]:
     """Return what was felt costs free hypotheses, and the priors [nats]."""
     every = Reductions(still=False, far=False, absent=True, planar=False)
-    window = reduce(job.data, job.scene, job.shape, job.precision, every)
+    window = window_of_samples(job.data, job.scene, job.shape, job.precision, every)
     problem = replace(job, page=quasi_static).build(window)
     built = BuiltPage(problem, window, None)
     data = problem.data(quasi_static.LEVELS[0].parameters)

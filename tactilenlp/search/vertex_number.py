@@ -24,11 +24,11 @@ from ..geometry.simplification import (
     with_fewer_faces,
     without_touch,
 )
-from ..local.hypothesis import Hypothesis, same_body
+from ..local.hypothesis import Hypothesis
 from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, search_settings
-from ..problem.reductions import reduce
+from ..problem.reductions import window_of_samples
 from .predicted_motion import with_pushes
 
 FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
@@ -60,21 +60,8 @@ def likeliest(job, hulls) -> list[Hypothesis]:
                 break  # fewer vertices do not fit better
             if fits and job.deadline.passed("other numbers of vertices"):
                 break
-    fits = of_distinct_bodies(job, fits)
+    fits.sort(key=lambda h: h.rank)
     return [h for h in fits if h.objective <= fits[0].objective + LEAST_MOTION_BEHIND]
-
-
-def of_distinct_bodies(job, fits) -> list[Hypothesis]:
-    """Return fits, the best first, of which no two with as many vertices are one body.
-
-    At the end of any action; a closed one stands for both.
-    """
-    ends, chosen = np.flatnonzero(np.diff(job.data.action, append=np.inf)), []
-    for h in sorted(fits, key=lambda h: (not h.closed, h.rank)):
-        others = (other for other in chosen if other.theta.size == h.theta.size)
-        if not any(same_body(job.shape, h, other, ends) for other in others):
-            chosen.append(h)
-    return sorted(chosen, key=lambda h: h.rank)
 
 
 def counts_of(shape) -> list[int]:
@@ -107,7 +94,9 @@ def of_few_faces(job, hull: Hypothesis, few) -> list[Hypothesis]:
     fit of more that costs less is likelier.
     """
     data = samples_until(job.data, hull.x.shape[1])
-    window = reduce(data, job.scene, job.shape, job.precision, job.reductions)
+    window = window_of_samples(
+        data, job.scene, job.shape, job.precision, job.reductions
+    )
     starts: dict[int, Hypothesis] = {}
     for body in with_fewer_faces(hull.theta.reshape(-1, 3), FACES):
         for V in filter(volume, with_counts(body, few)):

@@ -32,7 +32,7 @@ class Solvers:
     problem: Problem
     by_options: dict = field(default_factory=dict)
 
-    def kept(self, options: SolverOptions, eliminate=False, warm=False):
+    def solver_for(self, options: SolverOptions, eliminate=False, warm=False):
         """Return a solver whose time limit ends by the deadline; it is made once.
 
         Functions and patterns take seconds of a large problem: they are made first.
@@ -128,7 +128,7 @@ def solve(
     programme = problem.eliminated if eliminate else problem.assembly
     if solver is None:
         options = options or SolverOptions()
-        solver = Solvers(problem).kept(options, eliminate, warm is not None)
+        solver = Solvers(problem).solver_for(options, eliminate, warm is not None)
     built = time.process_time() - began
     data = problem.data(parameters)
     x, *bounds = _start(problem, (warm.values if warm else start) or {}, fixed)
@@ -254,7 +254,7 @@ def _at(solvers: Solvers, level, ipopt, warm, start, options) -> Solution:
     """Solve one level from `start`; warm: with the multipliers of that solution."""
     began = time.process_time()
     chosen = replace(options, ipopt=ipopt | options.chosen | options.ipopt)
-    solver = solvers.kept(chosen, level.eliminate, warm)
+    solver = solvers.solver_for(chosen, level.eliminate, warm)
     built = time.process_time() - began
     if not warm and isinstance(start, Solution):
         start = start.values

@@ -14,7 +14,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ..nlp.codegen import begun, kept
+from ..nlp.codegen import compiled_earlier, start_compilation
 from ..nlp.term_functions import between_slices, padded
 
 SIZES = 64  # numbers of columns, of all threads, for which arrays are kept
@@ -23,11 +23,11 @@ SIZES = 64  # numbers of columns, of all threads, for which arrays are kept
 class MappedFunction:
     """A function of columns, applied to any number of them; each thread has arrays.
 
-    made: returns it, after its compiler has ended.
+    compiled: returns it, after its compiler has ended.
     """
 
-    def __init__(self, made: Callable[[], ca.Function]):
-        self._made = made
+    def __init__(self, compiled: Callable[[], ca.Function]):
+        self._compiled = compiled
         self._arrays = lru_cache(SIZES)(self._new_arrays)  # with what evaluates them
 
     def __call__(self, *columns: np.ndarray) -> list[np.ndarray]:
@@ -42,7 +42,7 @@ class MappedFunction:
 
     def _new_arrays(self, thread: int, count: int) -> tuple:
         """Return arrays for so many columns, what evaluates them, and what it needs."""
-        function = self._made()
+        function = self._compiled()
         read = [np.zeros((count, function.size1_in(k))) for k in range(function.n_in())]
         written = [
             np.zeros((count, function.size1_out(k))) for k in range(function.n_out())
@@ -61,9 +61,10 @@ def map_columns(
     read as text.  They are not derived where both are as in an earlier compilation.
     """
     text = inspect.getsource(inspect.getmodule(derive)) + origin.serialize()
-    compiled = kept(names, text)
-    made = (lambda: compiled) if compiled else begun(derive(), text, vectors=True)
-    return [MappedFunction(lambda k=k: made()[k]) for k in range(len(names))]
+    if functions := compiled_earlier(names, text):
+        return [MappedFunction(lambda one=one: one) for one in functions]
+    compiled = start_compilation(derive(), text, vectors=True)
+    return [MappedFunction(lambda k=k: compiled()[k]) for k in range(len(names))]
 
 
 def of_columns(name: str, arguments, results) -> ca.Function:
