@@ -185,7 +185,7 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
     deadline = SimpleNamespace(passed=lambda _: False)
     job = SimpleNamespace(
         options=SimpleNamespace(profile_likelihood=True), deadline=deadline,
-        page=SimpleNamespace(LEVELS=(None,)),
+        page=SimpleNamespace(LEVELS=(None,)), shape=replace(CUBOID, of_vertices=True),
     )  # fmt: skip
     certificates = SimpleNamespace(broken=())
     best = Certified(solution, certificates, job, (False, 1.0))
