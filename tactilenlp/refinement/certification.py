@@ -21,6 +21,7 @@ from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
 from .newton_steps import with_ground_tilt
+from .profile_deviation import VAGUE_SHARE
 from .profile_likelihood import (
     PROFILE_MU,
     profile_deviations,
@@ -80,16 +81,17 @@ def with_height_open(flat) -> Solved:
     height is; flat poses must be decisively likelier to be believed.
     """
     told = untouched_height_sigma(flat)
-    if told is None or told >= flat.job.shape.typical_deviation:
+    if told is None or told >= VAGUE_SHARE * flat.job.shape.typical_deviation:
         return flat
     if not may_tilt(flat.job) or flat.job.deadline.passed("a height left open"):
         return flat
     free = flat.job.with_reductions(planar=False)
     tilted = restore_reductions(freed_to_tilt(free, flat))
+    if not tilted.solution.success:
+        return flat
     profile, _ = profile_deviations(tilted, seeks=False)
     tilted = replace(tilted, profile=profile)
-    wider = untouched_height_sigma(tilted)
-    if wider is None or not tilted.solution.success:
+    if (wider := untouched_height_sigma(tilted)) is None:
         return flat
     gain = flat.solution.objective - tilted.solution.objective + np.log(wider / told)
     log.info("a tilt that leaves the height open is likelier by %.1f nats", gain)
