@@ -29,15 +29,17 @@ def chamfer_paper(points_a: ArrayLike, points_b: ArrayLike) -> float:
     sum_a min_b |a - b|^2 + sum_b min_a |b - a|^2 (the paper, "Problem formulation"), of
     finite points (N, 3) and (M, 3) [m], else TactileError.  It grows with N and M.
     """
-    a, b = (
-        numbers_of(name, points, TactileError, "N", 3, unit="[m]", finite=True)
-        for name, points in (("points_a", points_a), ("points_b", points_b))
-    )
-    for name, points in (("points_a", a), ("points_b", b)):
-        if not len(points):
-            expected = "(N, 3) finite numbers [m], N > 0"
-            raise TactileError("no points", where=name, got="none", expected=expected)
+    a, b = _checked("points_a", points_a), _checked("points_b", points_b)
     return float(sum(np.sum(distance**2) for distance in _nearest(a, b)))
+
+
+def _checked(where: str, points: ArrayLike) -> np.ndarray:
+    """Return points (N, 3) [m] as floats, finite and at least one, or raise."""
+    points = numbers_of(where, points, TactileError, "N", 3, unit="[m]", finite=True)
+    if not len(points):
+        expected = "(N, 3) finite numbers [m], N > 0"
+        raise TactileError("no points", where=where, got="none", expected=expected)
+    return points
 
 
 def chamfer_code(

@@ -84,15 +84,16 @@ class Hypothesis:
 
 
 def distinct(
-    shape, hypotheses, count: int, hopeless: float, samples=COMPARED
-) -> list[Hypothesis]:
+    shape, hypotheses, count: int, hopeless: float, samples=COMPARED,
+    key=lambda h: h.rank,
+) -> list[Hypothesis]:  # fmt: skip
     """Return the best `count` hypotheses of which no two are the same body.
 
     hopeless [nats]: none that is further behind the best; samples: where bodies are
-    compared.
+    compared; key: to sort by, the best first.
     """
     chosen = []
-    for h in sorted(hypotheses, key=lambda h: h.rank):
+    for h in sorted(hypotheses, key=key):
         if chosen and h.objective > chosen[0].objective + hopeless:
             break
         again = (same_body(shape, h, other, samples) for other in chosen)

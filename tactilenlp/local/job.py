@@ -11,12 +11,14 @@ from formulations.page_contract import PageContract, contract_of
 from formulations.shape import Shape
 
 from ..common.deadline import Deadline
+from ..data.contact_segments import samples_until
 from ..data.measurements import Measurements
 from ..data.scene import Scene
 from ..data.sensor_noise import Precision, latency_cost, with_fingers_earlier
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
-from ..problem.reductions import Reductions
+from ..problem.reductions import Reductions, window_of_samples
+from ..problem.window import Window
 from .hypothesis import Hypothesis
 
 if TYPE_CHECKING:
@@ -107,6 +109,11 @@ class Job:
     def prior_cost(self) -> float:
         """The priors of what was estimated before a solve: tilt, latency [nats]."""
         return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
+
+    def window_until(self, samples: int) -> Window:
+        """Return the window of the first samples' actions, no rest interval cut."""
+        known = samples_until(self.data, samples), self.scene, self.shape
+        return window_of_samples(*known, self.precision, self.reductions)
 
     def build(self, window, scene=None, fill=None, solved=True) -> Problem:
         """Return the problem that the page poses of a window.

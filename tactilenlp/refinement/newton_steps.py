@@ -163,8 +163,7 @@ def with_latency(solves) -> list[Solved]:
     if not (may_be_late(prompt.job) and prompt.solution.success):
         return solves
     needed = _needed_for_latency(prompt, lag := _lag_at(prompt))
-    found = prompt.job.precision.latency > 0
-    if not found and max(misfit_of(prompt).excess, lag.gain) < needed:
+    if max(misfit_of(prompt).excess, lag.gain) < needed:
         return solves
     late, lag = _latency_by_steps(prompt, lag)
     if late.cost > prompt.cost - _needed_for_latency(prompt, lag):

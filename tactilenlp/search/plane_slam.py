@@ -15,7 +15,7 @@ import numpy as np
 
 from formulations import polytope_planes
 
-from ..data.contact_segments import NOISE_SIGMAS, contact_segments, samples_until
+from ..data.contact_segments import NOISE_SIGMAS, contact_segments
 from ..geometry.convex_hull import (
     centroid,
     unseen_ball,
@@ -25,7 +25,6 @@ from ..geometry.convex_hull import (
 from ..geometry.transforms import directions_in_body, rotate_planar
 from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
-from ..problem.reductions import window_of_samples
 from ..solvers.solve import solve_levels
 from .predicted_motion import predicted_paths, with_motion, with_pushes
 
@@ -55,9 +54,7 @@ class Faces:
 
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     """Return the poses x (3, T) of one more action, those of its past held."""
-    window = window_of_samples(
-        job.data, job.scene, job.shape, job.precision, job.reductions
-    )
+    window = job.window_until(job.data.samples)
     return extensions(job, window, faces, job.data.samples)[0].x
 
 
@@ -159,10 +156,7 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     kept: those of the actions before, each of which is continued; none: from the first
     touch.  At most HYPOTHESES whose turns differ, at most PLANES_BEHIND the best.
     """
-    data, levels = samples_until(job.data, samples), polytope_planes.LEVELS
-    window = window_of_samples(
-        data, job.scene, job.shape, job.precision, job.reductions
-    )
+    window = job.window_until(samples)
     if kept:
         starts = [x for one in kept for x in extensions(job, window, one, samples)]
         starts = [merged_faces(window, start) for start in best_of(starts)]
@@ -174,7 +168,7 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     for start, cost in ways:
         if fits and job.deadline.passed("other paths of an action"):
             break
-        fit = solved_faces(job, window, start, levels)
+        fit = solved_faces(job, window, start, polytope_planes.LEVELS)
         fits.append(replace(fit, objective=fit.objective + cost))
     joined = [_joined(job, window, fit) for fit in best_of(fits)]
     return sorted(joined, key=lambda fit: round(fit.objective, 3))

@@ -29,8 +29,8 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.simplification import with_counts
-from ..local.hypothesis import Hypothesis, same_body
-from ..problem.reductions import Reductions, window_of_samples
+from ..local.hypothesis import Hypothesis, distinct
+from ..problem.reductions import Reductions
 from .plane_slam import (
     Faces,
     extended_faces,
@@ -142,12 +142,17 @@ def of_distinct_bodies(job, fits) -> list[Hypothesis]:
 
     At the end of any action; a closed one stands for both.
     """
-    ends, chosen = np.flatnonzero(np.diff(job.data.action, append=np.inf)), []
-    for h in sorted(fits, key=lambda h: (not h.closed, h.rank)):
-        others = (other for other in chosen if other.theta.size == h.theta.size)
-        if not any(same_body(job.shape, h, other, ends) for other in others):
-            chosen.append(h)
+    ends = np.flatnonzero(np.diff(job.data.action, append=np.inf))
+    chosen = []
+    for count in sorted({h.theta.size for h in fits}):
+        alike = [h for h in fits if h.theta.size == count]
+        chosen += distinct(job.shape, alike, len(alike), np.inf, ends, closed_first)
     return sorted(chosen, key=lambda h: h.rank)
+
+
+def closed_first(h: Hypothesis) -> tuple:
+    """Return the key that sorts closed bodies before others, then by rank."""
+    return not h.closed, h.rank
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
@@ -172,10 +177,7 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     One is bounded by a ball on its untouched side; a second one has touched faces only,
     where planes and ground close it.
     """
-    data = samples_until(job.data, faces.x.shape[1])
-    window = window_of_samples(
-        data, job.scene, job.shape, job.precision, job.reductions
-    )
+    window = job.window_until(faces.x.shape[1])
     ground = job.scene.ground is not None
     arguments = window, faces, job.shape.size_prior, ground
     theta = corners_behind_planes(*arguments).ravel()
@@ -215,10 +217,7 @@ def with_credible_touches(job):
 
 def planes_on_body(job, h: Hypothesis) -> Faces:
     """Return the planes that the touches of the first actions have on a known body."""
-    data = samples_until(job.data, h.x.shape[1])
-    window = window_of_samples(
-        data, job.scene, job.shape, job.precision, job.reductions
-    )
+    window = job.window_until(h.x.shape[1])
     centre = fingers_in_body(window.touch, h.x)
     point = nearest_points(h.theta.reshape(-1, 3), centre)
     n = centre - point

@@ -15,7 +15,6 @@ import numpy as np
 
 from formulations import polytope_quasi_static
 
-from ..data.contact_segments import samples_until
 from ..geometry.convex_hull import centroid, departure, fingers_in_body, volume
 from ..geometry.simplification import (
     more_vertices,
@@ -28,7 +27,6 @@ from ..local.hypothesis import Hypothesis
 from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, search_settings
-from ..problem.reductions import window_of_samples
 from .predicted_motion import with_pushes
 
 FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed
@@ -93,10 +91,7 @@ def of_few_faces(job, hull: Hypothesis, few) -> list[Hypothesis]:
     depart least.  Where it has fewer than FEW vertices its misfit is its objective: a
     fit of more that costs less is likelier.
     """
-    data = samples_until(job.data, hull.x.shape[1])
-    window = window_of_samples(
-        data, job.scene, job.shape, job.precision, job.reductions
-    )
+    window = job.window_until(hull.x.shape[1])
     starts: dict[int, Hypothesis] = {}
     for body in with_fewer_faces(hull.theta.reshape(-1, 3), FACES):
         for V in filter(volume, with_counts(body, few)):
