@@ -162,7 +162,7 @@ def errors(estimate, pose: np.ndarray) -> dict:
     turn = rotation_of(pose[3:])
     placed[:3, :3], placed[:3, 3] = turn.as_matrix(), pose[:3]
     true, found = trimesh.creation.box(BOX, transform=placed), estimate.mesh()
-    off, C = error_of(estimate, pose, turn), estimate.information.covariance()
+    off, C = error_of(estimate, pose, turn), covariance_of(estimate.information)
     sides, place, yaw = np.split(off, [3, 5])
     centred = found.copy()
     centred.apply_translation(pose[:3] - estimate.position[-1])
@@ -188,6 +188,20 @@ def error_of(estimate, pose: np.ndarray, turn: Rotation) -> np.ndarray:
     off = mine - yaw - quarters * np.pi / 2
     place = estimate.position[-1][:2] - pose[:2]
     return np.r_[estimate.side_lengths - sides, place, off]
+
+
+def covariance_of(information) -> np.ndarray:
+    """Return the covariance (6, 6) of sides, place and yaw [m, rad].
+
+    The body may be tilted or flat.
+    """
+    maps = information.maps
+    rows = maps["side_lengths"], maps["position"][:2], maps["rotation"][2:]
+    jacobian = np.vstack(rows)
+    C = jacobian @ information.covariance_matrix @ jacobian.T
+    if information.ground is not None:
+        C[3:, 3:] += information.ground[np.ix_([0, 1, 5], [0, 1, 5])]
+    return C
 
 
 def main() -> None:
