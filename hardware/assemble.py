@@ -6,7 +6,7 @@ then mapped by the kinematics.  Contact: zero-order hold of the newest touch tha
 later than the sample (causal), at most 1.5 samples old, with its normal, rotated to the
 world by the pose of the finger at the time of the touch; normals are not interpolated.
 The latency of a sensor is subtracted first.  Missing samples are not valid; too many of
-them are an error.
+them are an error.  Nor are those where contact is felt without a normal.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ ROUNDING = 1e-6  # [s]: a stamp of 1.7e9 s has digits of 2.4e-7 s
 
 @dataclass(frozen=True)
 class Report:
-    """Hold how complete the streams are, and which share of the grid is valid.
+    """Hold how complete the streams are, and which share of the grid is there.
 
     streams:  one report each
-    valid:    [1], share of valid samples by finger
+    valid:    [1], share of the samples by finger that came: also of those that are not
+              valid since contact was felt without a normal
     oldest:   [s], largest age of a touch that was used, by finger
     """
 
@@ -109,7 +110,7 @@ def _report(fingers: Sequence[FingerStreams], time: np.ndarray, parts: list) -> 
     return Report(
         tuple(report for one in fingers for report in one.reports),
         len(time),
-        {name: float(part["valid"].mean()) for name, part in named},
+        {name: part["complete"] for name, part in named},
         {name: part["oldest"] for name, part in named},
     )
 
@@ -162,16 +163,18 @@ def _finger(
         after = np.minimum(row + 1, len(stamps) - 1)
         row = np.where(abs(stamps[after] - time) < abs(time - stamps[row]), after, row)
     age = abs(time - stamps[row])
-    contact, felt = one.touch.values[row, 0] > 0, one.touch.values[row, 1] > 0
+    contact, felt, decided = (one.touch.values[row, k] > 0 for k in (0, 1, 6))
     felt_at, known = _angles(one, stamps[row])
-    valid = moved & known & felt & (age <= oldest + ROUNDING)
+    came = moved & known & decided & (age <= oldest + ROUNDING)
+    valid = came & felt
     R_wt = one.geometry.rotation(felt_at)
     used = age[valid]
     return {
         "position": one.geometry.forward(angles),
         "contact": contact,
-        "normal": np.einsum("nij,nj->ni", R_wt, one.touch.values[row, 3:]),
+        "normal": np.einsum("nij,nj->ni", R_wt, one.touch.values[row, 3:6]),
         "valid": valid,
+        "complete": float(came.mean()),
         "oldest": float(used.max()) if used.size else np.nan,
     }
 

@@ -83,12 +83,15 @@ class Sensed:
 
     centre:   (u, v) [px], centre of pressure in the picture
     strength: [px^2], pressure there
+    within:   whether it is highest within the field of view, not at its rim: there the
+              skin may be pressed anywhere beyond, and the centre is not known
     agreement: [1], share of the disc where forward and backward flow agree
     pressure: (n, n) [px^2], -psi on the nodes of the disc
     """
 
     centre: np.ndarray
     strength: float
+    within: bool
     agreement: float
     pressure: np.ndarray
 
@@ -124,6 +127,7 @@ class OpticalTouch:
         nodes = np.indices((self._size // self._spacing,) * 2)[::-1]
         off = self._pixels(np.moveaxis(nodes, 0, -1)) - lens.centre
         self._hodge = Hodge((off**2).sum(axis=-1) <= lens.edge**2, self._spacing)
+        self._within = ndimage.binary_erosion(self._hodge.mask)
 
     def __call__(self, time: float, frame: np.ndarray) -> Touch | None:
         """Return the touch, None while the reference is being learnt."""
@@ -136,7 +140,7 @@ class OpticalTouch:
         if sensed.agreement < SURE:
             return Touch(time, False, np.zeros(3), sensed.strength, valid=False)
         contact, normal = self.decide(sensed.strength), np.zeros(3)
-        if contact:  # out of the object: opposite to the skin's outward normal
+        if contact and sensed.within:  # opposite to the skin's outward normal
             normal = -self.R_ts @ self.lens.direction(sensed.centre)
         return Touch(time, contact, normal, sensed.strength)
 
@@ -196,8 +200,8 @@ class OpticalTouch:
         """Return where (..., 2) [px] nodes (..., 2) lie in the whole picture."""
         return (np.asarray(node) + 0.5) * self._spacing - 0.5 + self._corner
 
-    def _centre(self, pressure: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the centre of pressure (u, v) [px] and the pressure there [px^2].
+    def _centre(self, pressure: np.ndarray) -> tuple[np.ndarray, float, bool]:
+        """Return the centre of pressure (u, v) [px], the pressure there, and `within`.
 
         A region that the rim truncates would have a mean too far inwards, by 5 degrees
         at 75: only nodes whose mirror image about the centre is on the disc count.
@@ -205,7 +209,7 @@ class OpticalTouch:
         peak = np.unravel_index(pressure.argmax(), pressure.shape)
         strength = float(pressure[peak])
         if strength <= 0:  # no pressure
-            return np.array(self.lens.centre, float), 0.0
+            return np.array(self.lens.centre, float), 0.0, True
         label, _ = ndimage.label(pressure >= HALF * strength)
         node = np.argwhere(label == label[peak])
         weight, centre = pressure[tuple(node.T)], np.array(peak, float)
@@ -215,7 +219,7 @@ class OpticalTouch:
             centre = weight[both] @ node[both] / mass if mass > 0 else centre
             if abs(centre - before).max() < SETTLED:
                 break
-        return self._pixels(centre[::-1]), strength
+        return self._pixels(centre[::-1]), strength, bool(self._within[peak])
 
     def _on_disc(self, node: np.ndarray) -> np.ndarray:
         """Return which nodes (n, 2), row and column, are on the disc (n,)."""

@@ -109,7 +109,7 @@ class FingerStreams:
     """Hold the streams of one finger.
 
     boards: two streams of motor positions (n, 2) [rev]
-    touch:  a stream of rows: contact, valid, strength, normal in the tip's frame (3)
+    touch:  a stream of rows, see `touch_stream`; the normal is in the tip's frame
     latency: [s] from touch to stamp
     """
 
@@ -156,14 +156,15 @@ def touch_stream(
 ) -> Stream:
     """Return touches as a stream; a touch whose normal is unknown is not valid.
 
+    Rows: contact, valid, strength, normal (3,), and whether the sensor decided.
     A chunk of a serial line holds several samples with one time of arrival: the last
     one is of that time.
     """
-    values = np.zeros((len(touches), 6))  # no lists: the collector would stop for them
+    values = np.zeros((len(touches), 7))  # no lists: the collector would stop for them
     for k, touch in enumerate(touches):
         known = touch.valid and (not touch.contact or bool(touch.normal.any()))
         values[k, :3] = touch.contact and known, known, touch.strength
-        values[k, 3:] = touch.normal
+        values[k, 3:6], values[k, 6] = touch.normal, touch.valid
     times = [touch.time for touch in touches]
     return Stream.sorted(name, times, values, broken, True, interval)
 

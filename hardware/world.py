@@ -294,4 +294,5 @@ class RobotWorld:
             action=0 if past is None else int(past.action[-1]) + 1,
             parked=[name for name, still in zip(names, parked, strict=True) if still],
             complete=self.complete,
+            nearest=True,  # the action is over
         )

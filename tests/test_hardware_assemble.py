@@ -119,6 +119,24 @@ def test_a_touch_without_a_normal_is_no_measurement_but_its_absence_is():
     rows = touch_stream("skin", touches).values
     assert rows[:, 0].tolist() == [0, 0, 1, 0]
     assert rows[:, 1].tolist() == [1, 0, 1, 0]
+    assert rows[:, 6].tolist() == [1, 1, 1, 0]
+
+
+def test_touches_without_a_normal_are_not_missing_samples():
+    one = straight()
+    wires = streams(one, 0)
+    values = wires.touch.values.copy()
+    felt = values[:, 0] > 0
+    values[felt, :2], values[felt, 3:6] = 0.0, 0.0  # as touch_stream has them
+    blind = replace(wires, touch=Stream.sorted("blind", wires.touch.time, values))
+    data = assemble([blind, streams(one, 1)], origin=NOON)
+    assert np.array_equal(data.valid[:, 0], ~one.contact[: data.samples, 0])
+    assert not data.contact[:, 0].any()
+    values = values.copy()
+    values[felt, 6] = 0.0
+    undecided = replace(wires, touch=Stream.sorted("mute", wires.touch.time, values))
+    with pytest.raises(CompletenessError, match=r"finger 0.*valid"):
+        assemble([undecided, streams(one, 1)], origin=NOON)
 
 
 def test_a_parked_finger_is_there_but_not_measured():

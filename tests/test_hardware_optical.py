@@ -129,6 +129,14 @@ def test_a_touch_that_the_rim_cuts_off_is_not_pulled_inwards(skin, sensor):
     assert np.percentile(off, 90) < 3.0
 
 
+def test_beyond_the_field_of_view_contact_is_felt_but_no_normal(skin, sensor):
+    for azimuth in range(0, 360, 45):
+        for polar in (60, 90, 95):
+            touch = sensor(0.0, skin.picture(towards(polar, azimuth), 2.0))
+            assert touch.contact and touch.valid
+            assert touch.normal.any() == (polar == 60)
+
+
 def test_the_normal_points_from_the_object_into_the_dome(skin, sensor):
     push = towards(30, 100)
     for k in range(3):

@@ -78,7 +78,7 @@ def with_height_open(flat) -> Solved:
     Felt normals lean where fingers meet the rim of the top, which tells the height of a
     flat body, and where the body tilts, which leaves it open.  The evidence of free
     motion is larger by what the objective falls, and by the log of how much wider the
-    height is; flat poses must be decisively likelier to be believed.
+    height is: as any larger model, it must be decisively likelier.
     """
     told = untouched_height_sigma(flat)
     if told is None or told >= VAGUE_SHARE * flat.job.shape.typical_deviation:
@@ -95,7 +95,7 @@ def with_height_open(flat) -> Solved:
         return flat
     gain = flat.solution.objective - tilted.solution.objective + np.log(wider / told)
     log.info("a tilt that leaves the height open is likelier by %.1f nats", gain)
-    return tilted if gain > -DECISIVE else flat
+    return tilted if gain > DECISIVE else flat
 
 
 def restore_reductions(solved) -> Solved:
