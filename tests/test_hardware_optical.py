@@ -133,7 +133,8 @@ def test_beyond_the_field_of_view_contact_is_felt_but_no_normal(skin, sensor):
     for azimuth in range(0, 360, 45):
         for polar in (60, 90, 95):
             touch = sensor(0.0, skin.picture(towards(polar, azimuth), 2.0))
-            assert touch.contact and touch.valid
+            assert touch.contact
+            assert touch.valid
             assert touch.normal.any() == (polar == 60)
 
 
