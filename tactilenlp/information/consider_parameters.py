@@ -43,8 +43,8 @@ from formulations.names import (
     TOUCH_TERM,
 )
 
-from ..data.contact_segments import rate_of
-from ..data.sensor_noise import AVERAGED, CONTACT_LATENCY, LATENCY, normal_rates
+from ..data.contact_segments import consecutive_contacts, rate_of
+from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
 from ..nlp.kkt import gradient
 from .measurement_noise import at_touches
 
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from .linearisation import Linearisation
 
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
+AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
 TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
 TOLD_RIGHT = 50.0  # [-] odds that a radius was told right
@@ -165,18 +166,17 @@ def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
 
 
 def late_normals(linearisation: Linearisation) -> ConsiderParameter:
-    """Return what is known of how late normals are, against the lag of the page.
+    """Return what is known of how late normals are.
 
     Sensors average normals for longer than contacts: these may be in time.
     """
-    window, job = linearisation.window, linearisation.job
-    touch, lag, prior = window.touch, job.precision.normal_lag, Prior(AVERAGED)
-    if lag:
-        prior = Prior(AVERAGED, mean=-lag, least=-lag, odds=0.0)
-    rate = normal_rates(job.data)[touch.sample, touch.finger]
-    normal = touch.normal + LAG_STEP * rate
+    window, data = linearisation.window, linearisation.job.data
+    touch = window.touch
+    rate = rate_of(data, data.normal)
+    rate[1:][~consecutive_contacts(data)] = 0.0
+    normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
     ends = ends_of(linearisation, replace(window, touch=replace(touch, normal=normal)))
-    return _of_one(linearisation.kkt, ends, LAG_STEP, prior)
+    return _of_one(linearisation.kkt, ends, LAG_STEP, Prior(AVERAGED))
 
 
 def late_touches(linearisation: Linearisation) -> ConsiderParameter:
