@@ -5,8 +5,9 @@ range; nothing is extrapolated.  Positions: motor positions are interpolated lin
 then mapped by the kinematics.  Contact: zero-order hold of the newest touch that is not
 later than the sample (causal), at most 1.5 samples old, with its normal, rotated to the
 world by the pose of the finger at the time of the touch; normals are not interpolated.
-The latency of a sensor is subtracted first.  Missing samples are not valid; too many of
-them are an error.  Nor are those where contact is felt without a normal.
+Once an action is over, the touch may be the one nearest in time instead.  The latency
+of a sensor is subtracted first.  Samples are not valid where contact is felt without a
+normal, nor where they are missing; too many missing ones are an error.
 """
 
 from __future__ import annotations
@@ -20,7 +21,15 @@ from tactilenlp.common.validation import check_range
 from tactilenlp.data.measurements import Measurements
 
 from .errors import ClockError, CompletenessError, LimitError
-from .streams import FingerStreams, Stream, StreamReport
+from .streams import (
+    CONTACT,
+    DECIDED,
+    NORMAL,
+    VALID,
+    FingerStreams,
+    Stream,
+    StreamReport,
+)
 
 RATES = 1.0, 1000.0  # [Hz] of the grid
 SHARES = 0.0, 2.0  # [1] of `complete`: above 1 nothing is complete enough
@@ -75,8 +84,8 @@ def assemble(
     start, end: [s] of the host, limits of the action
     parked:   names of fingers that take no part: not valid, not judged
     complete: [1], the least share of valid samples of each other finger
-    nearest:  take the touch nearest in time instead of the newest one before: for
-              recordings only, as it is not causal
+    nearest:  take the touch nearest in time instead of the newest one before: once all
+              of the action is recorded, as it is not causal
 
     Raises CompletenessError with a report, ClockError if the streams do not overlap.
     """
@@ -163,7 +172,8 @@ def _finger(
         after = np.minimum(row + 1, len(stamps) - 1)
         row = np.where(abs(stamps[after] - time) < abs(time - stamps[row]), after, row)
     age = abs(time - stamps[row])
-    contact, felt, decided = (one.touch.values[row, k] > 0 for k in (0, 1, 6))
+    touch = one.touch.values[row]
+    contact, felt, decided = (touch[:, (CONTACT, VALID, DECIDED)] > 0).T
     felt_at, known = _angles(one, stamps[row])
     came = moved & known & decided & (age <= oldest + ROUNDING)
     valid = came & felt
@@ -172,7 +182,7 @@ def _finger(
     return {
         "position": one.geometry.forward(angles),
         "contact": contact,
-        "normal": np.einsum("nij,nj->ni", R_wt, one.touch.values[row, 3:6]),
+        "normal": np.einsum("nij,nj->ni", R_wt, touch[:, NORMAL]),
         "valid": valid,
         "complete": float(came.mean()),
         "oldest": float(used.max()) if used.size else np.nan,

@@ -140,7 +140,8 @@ class OpticalTouch:
         if sensed.agreement < SURE:
             return Touch(time, False, np.zeros(3), sensed.strength, valid=False)
         contact, normal = self.decide(sensed.strength), np.zeros(3)
-        if contact and sensed.within:  # opposite to the skin's outward normal
+        if contact and sensed.within:
+            # Out of the object: opposite to the skin's outward normal.
             normal = -self.R_ts @ self.lens.direction(sensed.centre)
         return Touch(time, contact, normal, sensed.strength)
 

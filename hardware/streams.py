@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from .rig import FingerRig
 
 BLOCK = 5000  # [rows] that are made an array at once: 5 ms
+# Columns of a stream of touches; NORMAL in the frame of the tip.
+CONTACT, VALID, STRENGTH, NORMAL, DECIDED = 0, 1, 2, slice(3, 6), 6
 LOST = 1.5  # [1], ratio to the told or median interval from which samples are lost
 
 
@@ -109,7 +111,7 @@ class FingerStreams:
     """Hold the streams of one finger.
 
     boards: two streams of motor positions (n, 2) [rev]
-    touch:  a stream of rows, see `touch_stream`; the normal is in the tip's frame
+    touch:  a stream of rows (7,), see `touch_stream`
     latency: [s] from touch to stamp
     """
 
@@ -156,15 +158,16 @@ def touch_stream(
 ) -> Stream:
     """Return touches as a stream; a touch whose normal is unknown is not valid.
 
-    Rows: contact, valid, strength, normal (3,), and whether the sensor decided.
-    A chunk of a serial line holds several samples with one time of arrival: the last
-    one is of that time.
+    The last column, DECIDED, tells whether the sensor could decide on contact.  A chunk
+    of a serial line holds several samples with one time of arrival: the last one is of
+    that time.
     """
     values = np.zeros((len(touches), 7))  # no lists: the collector would stop for them
     for k, touch in enumerate(touches):
         known = touch.valid and (not touch.contact or bool(touch.normal.any()))
-        values[k, :3] = touch.contact and known, known, touch.strength
-        values[k, 3:6], values[k, 6] = touch.normal, touch.valid
+        values[k, CONTACT], values[k, VALID] = touch.contact and known, known
+        values[k, STRENGTH], values[k, NORMAL] = touch.strength, touch.normal
+        values[k, DECIDED] = touch.valid
     times = [touch.time for touch in touches]
     return Stream.sorted(name, times, values, broken, True, interval)
 

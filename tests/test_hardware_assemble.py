@@ -8,7 +8,7 @@ from bench_wires import NOON, straight, streams
 
 from hardware.assemble import LARGEST_GAP, assemble, examine
 from hardware.errors import ClockError, CompletenessError, FrameError
-from hardware.streams import Stream, touch_stream
+from hardware.streams import CONTACT, DECIDED, NORMAL, VALID, Stream, touch_stream
 from hardware.touch import Touch
 
 # The grid
@@ -127,13 +127,14 @@ def test_touches_without_a_normal_are_not_missing_samples():
     wires = streams(one, 0)
     values = wires.touch.values.copy()
     felt = values[:, 0] > 0
-    values[felt, :2], values[felt, 3:6] = 0.0, 0.0  # as touch_stream has them
+    values[felt, CONTACT] = values[felt, VALID] = 0.0  # as touch_stream has them
+    values[felt, NORMAL] = 0.0
     blind = replace(wires, touch=Stream.sorted("blind", wires.touch.time, values))
     data = assemble([blind, streams(one, 1)], origin=NOON)
     assert np.array_equal(data.valid[:, 0], ~one.contact[: data.samples, 0])
     assert not data.contact[:, 0].any()
     values = values.copy()
-    values[felt, 6] = 0.0
+    values[felt, DECIDED] = 0.0
     undecided = replace(wires, touch=Stream.sorted("mute", wires.touch.time, values))
     with pytest.raises(CompletenessError, match=r"finger 0.*valid"):
         assemble([undecided, streams(one, 1)], origin=NOON)

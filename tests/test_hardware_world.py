@@ -19,6 +19,8 @@ from bench_robot import (
     trajectory,
 )
 
+from hardware import world
+from hardware.assemble import assemble
 from hardware.errors import (
     LimitError,
     ReachError,
@@ -26,6 +28,7 @@ from hardware.errors import (
 )
 from hardware.kinematics import finger
 from hardware.simulated_robot import NOON
+from hardware.streams import CONTACT
 from tactilenlp import Workspace, explore
 from tactilenlp.exploration.sweep import check_reach
 
@@ -99,6 +102,22 @@ def test_pictures_of_a_push_give_contact_and_the_faces_normal(session):
     # the tip was its radius and half the box away when the first touch was felt
     gap = first.finger_position[begin, 0, 0] - 0.01575 - BOX[0] / 2
     assert abs(gap) < 3e-3
+
+
+@pytest.mark.slow
+def test_an_action_has_the_touches_nearest_in_time(monkeypatch):
+    came = []
+
+    def assembled(streams, **given):
+        came.append(streams)
+        return assemble(streams, **given)
+
+    monkeypatch.setattr(world, "assemble", assembled)
+    with Setup("densetact", angles=poised(PUSH)) as setup:
+        data = setup.world.execute(PUSH)
+        touch, origin = came[0][0].touch, setup.world.origin
+    row = abs(touch.time - origin - data.time[:, None]).argmin(axis=1)
+    assert np.array_equal(data.contact[:, 0], touch.values[row, CONTACT] > 0)
 
 
 @pytest.mark.slow
