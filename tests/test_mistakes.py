@@ -27,6 +27,7 @@ from tactilenlp.data.mistakes import (
     suspicion,
 )
 from tactilenlp.data.plausibility import jumps_of, of_one_rate
+from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.errors import MeasurementError, MistakeError, OptionError
 from tactilenlp.interface.readout import with_suspicion
 from tactilenlp.interface.request import CHECK_FOR_MISTAKES
@@ -262,7 +263,7 @@ def test_a_mistake_is_suspected_only_where_there_is_time_to_look(
     deadline = Deadline.within(left)
     deadline.spent[CHECK_FOR_MISTAKES] = 2.0
     job = SimpleNamespace(
-        deadline=deadline, precision=SimpleNamespace(latency=0.0), scene=Scene()
+        deadline=deadline, precision=Precision(0.0, 0.0), scene=Scene()
     )
     poor = estimate.fit.doubted("a doubt")
     found = with_suspicion(poor, job, touched_later(data, 0, 5))

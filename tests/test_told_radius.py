@@ -1,6 +1,7 @@
 """The radius of one finger that was told wrong: what sigma and the summary say."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tactilenlp import (
     example_recording,
     solve_estimate,
 )
+from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.information.consider_parameters import Considered
 from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
@@ -91,8 +93,12 @@ def test_the_summary_tells_what_is_not_as_it_was_taken():
         "late normals": (12e-3, 2e-3, 0.99), f"{RADIUS_OF}0": (2e-4, 5e-5, 0.95),
         f"{RADIUS_OF}1": (-3e-4, 5e-5, 0.96), f"{RADIUS_OF}2": (9e-4, 5e-5, 0.8),
     }  # fmt: skip
-    edges, late, radii = doubts_in_words(considered)
+    told = SimpleNamespace(considered=considered)
+    estimate = SimpleNamespace(information=told, sensors=Precision(0.0, 0.0))
+    edges, late, radii = doubts_in_words(estimate)
     assert edges.startswith("The edges are rounded by 1.2 ± 0.1 mm.")
     assert late.startswith("Normals are 12 ± 2 ms later than contacts.")
     assert "finger 0 is 0.20 ± 0.05 mm larger or the radius of finger 1" in radii
     assert "finger 2" not in radii
+    estimate.sensors = Precision(0.0, 0.0, normal_lag=12e-3)
+    assert doubts_in_words(estimate) == [edges, radii]  # it has a sentence of its own

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from .contact_segments import REPEATED, consecutive_contacts, intervals
+from .contact_segments import REPEATED, consecutive_contacts, intervals, rate_of
 from .measurements import Measurements
 
 LONG_PAUSE = 3.0  # [sample intervals] a longer one ends a run of samples
@@ -23,6 +23,7 @@ LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
 CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
 LATENCY = 20e-3  # [s] deviation of the latency: tactile cameras are up to 40 ms late
+AVERAGED = 10e-3  # [s] deviation of the lag of normals alone: means of up to 20 ms
 SAME_NORMAL = 1e-9  # [-] by which two readings of one number may differ
 NORMAL_MEDIAN = 0.6745  # median of |z| for a standard normal z
 RAYLEIGH_MEDIAN = 1.1774  # median length of a standard normal vector in the plane
@@ -36,7 +37,8 @@ class Precision:
 
     normal_error [-]: relative standard deviation of `normal`, zero where it was told.
     latency, latency_error [s]: by how much contacts and normals are reported later than
-    positions, and its standard deviation; both zero where data do not ask for it.
+    positions, and its standard deviation; normal_lag [s]: by how much normals are later
+    than contacts besides.  All zero where data do not ask for it.
     """
 
     position: float
@@ -44,6 +46,7 @@ class Precision:
     normal_error: float = 0.0
     latency: float = 0.0
     latency_error: float = 0.0
+    normal_lag: float = 0.0
 
 
 def precision_of(data: Measurements, scene=None) -> Precision:
@@ -206,6 +209,37 @@ def with_fingers_earlier(data: Measurements, lag: float) -> Measurements:
     return replace(data, **arrays)
 
 
+def normal_rates(data: Measurements) -> np.ndarray:
+    """Return how fast felt normals (T, F, 3) change, per second.
+
+    By central differences while contact lasts, which do not average a sample's own
+    noise, by that from the sample before where it ends.  Zero where contact begins: a
+    sensor that averages has felt nothing earlier.
+    """
+    felt = consecutive_contacts(data)[..., None]
+    step = np.where(felt, rate_of(data, data.normal)[1:], 0.0)
+    none, goes_on = np.zeros_like(step[:1]), np.zeros_like(felt[:1])
+    behind, ahead = np.vstack([none, step]), np.vstack([step, none])
+    lasts = np.vstack([felt, goes_on])
+    rate = np.where(lasts, (behind + ahead) / 2, behind)
+    return np.where(np.vstack([goes_on, felt]), rate, 0.0)
+
+
+def with_sensors_earlier(data: Measurements, sensors: Precision) -> Measurements:
+    """Return the data as they would be if sensors were not late."""
+    data = with_normals_earlier(data, sensors.normal_lag)
+    return with_fingers_earlier(data, sensors.latency)
+
+
+def with_normals_earlier(data: Measurements, lag: float) -> Measurements:
+    """Return the data with every normal as it is felt a lag [s] after each sample."""
+    if lag == 0:
+        return data
+    normal = data.normal + lag * normal_rates(data)
+    length = np.linalg.norm(normal, axis=2, keepdims=True)
+    return replace(data, normal=normal / np.maximum(length, 1e-9))
+
+
 def shift_rotations(data: Measurements, wxyz, by: float) -> np.ndarray:
     """Return unit quaternions wxyz (T, 4) at other times, as of `shift_in_time`."""
     if by == 0:
@@ -252,5 +286,11 @@ def reported_late(data: Measurements, latency: float) -> np.ndarray:
 
 
 def latency_cost(scene, precision: Precision) -> float:
-    """Return the prior of a latency that was estimated [nats]; zero if it was told."""
-    return 0.0 if scene.latency is not None else (precision.latency / LATENCY) ** 2 / 2
+    """Return the prior of a latency that was estimated [nats], and of the normals'.
+
+    Zero if it was told.
+    """
+    if scene.latency is not None:
+        return 0.0
+    late, lag = precision.latency / LATENCY, precision.normal_lag / AVERAGED
+    return (late**2 + lag**2) / 2

@@ -23,7 +23,7 @@ from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved
 from ..problem.certificates import certify
 from ..refinement.nested_models import NUISANCES
-from ..refinement.newton_steps import as_found, with_latency
+from ..refinement.newton_steps import as_found, with_lags
 from ..refinement.refinement import from_scratch
 from ..search.multistart import multistart
 from ..tracking.tracking import tracked_samples
@@ -82,7 +82,7 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
     solved = solves.best_first()
     if not solved:
         return Optima(None, [], kept, starts)
-    solved = with_latency(solved)  # more samples tell more of it
+    solved = with_lags(solved)  # more samples tell more of it
     optima = Optima(None, solved, kept, starts)
     optima = certify_best(dense, optima, partial(_certify_dense, coarse_best))
     declined, profile = coarse_best.declined, coarse_best.profile

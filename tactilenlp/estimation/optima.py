@@ -35,7 +35,7 @@ from ..refinement.newton_steps import (
     lost_by_latency,
     with_ground_for_turns,
     with_ground_tilt,
-    with_latency,
+    with_lags,
 )
 from ..refinement.refinement import (
     fits_badly,
@@ -236,7 +236,7 @@ def _solve_page(
     with job.deadline.ending(OTHER_SOLVES):
         solved = few.solved if few.enough else from_starts(job, starts, few.solved)
         check_finite(solved[0].problem, solved[0].solution)
-        solved = with_latency(solved)
+        solved = with_lags(solved)
         if not lost_by_latency(request.job, solved[0]):
             solved = _with_larger_models(solved, solve_larger)
             solved = continue_if_implausible(solved, update)

@@ -43,8 +43,8 @@ from formulations.names import (
     TOUCH_TERM,
 )
 
-from ..data.contact_segments import consecutive_contacts, rate_of
-from ..data.sensor_noise import CONTACT_LATENCY, LATENCY
+from ..data.contact_segments import rate_of
+from ..data.sensor_noise import AVERAGED, CONTACT_LATENCY, LATENCY, normal_rates
 from ..nlp.kkt import gradient
 from .measurement_noise import at_touches
 
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from .linearisation import Linearisation
 
 LAG_STEP = 1e-5  # [s] change of a lag, of differences
-AVERAGED = 10e-3  # [s] deviation of r of normals alone: means of up to 20 ms
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
 TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
 TOLD_RIGHT = 50.0  # [-] odds that a radius was told right
@@ -166,17 +165,18 @@ def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
 
 
 def late_normals(linearisation: Linearisation) -> ConsiderParameter:
-    """Return what is known of how late normals are.
+    """Return what is known of how late normals are, against the lag of the page.
 
     Sensors average normals for longer than contacts: these may be in time.
     """
-    window, data = linearisation.window, linearisation.job.data
-    touch = window.touch
-    rate = rate_of(data, data.normal)
-    rate[1:][~consecutive_contacts(data)] = 0.0
-    normal = touch.normal + LAG_STEP * rate[touch.sample, touch.finger]
+    window, job = linearisation.window, linearisation.job
+    touch, lag, prior = window.touch, job.precision.normal_lag, Prior(AVERAGED)
+    if lag:
+        prior = Prior(AVERAGED, mean=-lag, least=-lag, odds=0.0)
+    rate = normal_rates(job.data)[touch.sample, touch.finger]
+    normal = touch.normal + LAG_STEP * rate
     ends = ends_of(linearisation, replace(window, touch=replace(touch, normal=normal)))
-    return _of_one(linearisation.kkt, ends, LAG_STEP, Prior(AVERAGED))
+    return _of_one(linearisation.kkt, ends, LAG_STEP, prior)
 
 
 def late_touches(linearisation: Linearisation) -> ConsiderParameter:

@@ -15,7 +15,7 @@ from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
 from ..data.ground import frame_of
 from ..data.mistakes import suspicion
-from ..data.sensor_noise import shift_in_time, with_fingers_earlier
+from ..data.sensor_noise import shift_in_time, with_sensors_earlier
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import polygons, touched_polygons
 from ..geometry.transforms import (
@@ -98,7 +98,7 @@ def with_suspicion(fit, job, recorded):
         return fit
     if job.deadline.passed("a check for mistakes", seconds):
         return fit
-    data = with_fingers_earlier(recorded, job.precision.latency)
+    data = with_sensors_earlier(recorded, job.precision)
     return replace(fit, suspected=suspicion(data, job.scene))
 
 

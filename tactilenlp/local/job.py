@@ -14,7 +14,7 @@ from ..common.deadline import Deadline
 from ..data.contact_segments import samples_until
 from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..data.sensor_noise import Precision, latency_cost, with_fingers_earlier
+from ..data.sensor_noise import Precision, latency_cost, with_sensors_earlier
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
 from ..problem.reductions import Reductions, window_of_samples
@@ -97,13 +97,17 @@ class Job:
         return replace(self, data=change(self.data), recorded=recorded)
 
     def as_late_as(self, sensors) -> Job:
-        """Return the job with the latency of a Precision, fingers earlier by it."""
-        latency, error = sensors.latency, sensors.latency_error
-        late = replace(self.precision, latency=latency, latency_error=error)
+        """Return the job with the latencies of a Precision.
+
+        Fingers, and normals, are earlier by them.
+        """
+        names = "latency", "latency_error", "normal_lag"
+        late = {name: getattr(sensors, name) for name in names}
         recorded = self.data if self.recorded is None else self.recorded
-        earlier = with_fingers_earlier(recorded, latency)
-        recorded = recorded if latency else None
-        return replace(self, data=earlier, recorded=recorded, precision=late)
+        data = with_sensors_earlier(recorded, sensors)
+        recorded = None if data is recorded else recorded
+        late = replace(self.precision, **late)
+        return replace(self, data=data, recorded=recorded, precision=late)
 
     @property
     def prior_cost(self) -> float:

@@ -63,7 +63,7 @@ def remarks_of(estimate) -> list[str]:
     lines += nuisances_in_words(estimate)
     if open_ := estimate.information.unobserved:
         lines.append(f"Not observed: {'; '.join(open_)}.")
-    lines += doubts_in_words(estimate.information.considered)
+    lines += doubts_in_words(estimate)
     return lines + optima_in_words(estimate.information)
 
 
@@ -83,6 +83,9 @@ def nuisances_in_words(estimate) -> Iterator[str]:
             f"Contacts and normals are {late:.0f} ± {error:.0f} ms later than finger "
             "positions: poses are moved on by that time."
         )
+    if lag := estimate.sensors.normal_lag:
+        late = f"{MS_PER_S * lag:.0f} ms"
+        yield f"Normals are {late} later than contacts: they are moved back by that."
     if estimate.compliance is not None:
         yield _compliance(estimate)
     if estimate.finger_turn is not None:
@@ -202,18 +205,18 @@ def offsets_in_words(offset, C) -> str:
     return "Fingers are off their measured positions: " + "; ".join(each) + "."
 
 
-def doubts_in_words(considered) -> list[str]:
+def doubts_in_words(estimate) -> list[str]:
     """Return sentences on what was taken as given and is not so, as the touches say.
 
-    considered: see Information.  The latency has its own sentence.
+    What was estimated, as latencies, has sentences of its own.
     """
-    lines, radii = [], []
+    lines, radii, considered = [], [], estimate.information.considered
     told = [(n, *v) for n, (*v, p) in considered.items() if p > WORTH_TELLING]
     for name, off, sigma in told:
         size, error = MM_PER_M * abs(off), MM_PER_M * sigma
         if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")
-        elif name == LATE_NORMALS:
+        elif name == LATE_NORMALS and not estimate.sensors.normal_lag:
             late = f"{MS_PER_S * abs(off):.0f} ± {MS_PER_S * sigma:.0f} ms"
             lines.append(f"Normals are {late} later than contacts.")
         elif name.startswith(RADIUS_OF):

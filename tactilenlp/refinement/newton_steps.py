@@ -1,12 +1,14 @@
 """Newton steps on what a solve takes as given: tilt of the ground, latency of sensors.
 
 The ground is level or as the scene or an earlier estimate says, contacts and normals
-are as late as these say.  Where a Newton step on one of them, which needs no solve
+are as late as these say, normals no later than contacts.  Where a Newton step on one of
+them, which needs no solve
 (information/consider_parameters.py), promises to lower the objective,
-the data are turned, or fingers put where they were earlier, and the page is solved
-again from the solution, a step at a time.  A tilt must gain as many nats as any larger
-model (nested_models.py); a latency more than its Laplace evidence loses, the logarithm
-of its prior over its posterior deviation, and the spread of the likelihood.  A steep
+the data are turned, or fingers and normals put where they were earlier, and the page is
+solved again from the solution, a step at a time.  A tilt must gain as many nats as any
+larger model (nested_models.py); a lag more than its Laplace evidence loses, the
+logarithm of its prior over its posterior deviation, and the spread of the likelihood.
+Normals that are late bias sizes where fingers slide over edges, as on a robot.  A steep
 tilt is found as turns of all sensors that are alike (formulations/finger_turn.py), from
 starts of the search.
 """
@@ -14,17 +16,20 @@ starts of the search.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from formulations.finger_turn import NAME as TURN
 from formulations.finger_turn import TURN as PRIOR_TURN
 
-from ..data.sensor_noise import LATENCY
+from ..data.sensor_noise import AVERAGED, LATENCY
 from ..information.consider_parameters import (
     ConsiderParameter,
     ground_tilt,
+    late_normals,
     late_touches,
 )
 from ..information.linearisation import Linearisation
@@ -36,7 +41,7 @@ from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
-MAX_FAILED = 3  # steps on a latency in a row that gain nothing
+MAX_FAILED = 3  # steps on a lag in a row that gain nothing
 LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
 
 
@@ -154,24 +159,53 @@ def on_ground(job, ground):
     return replace(job, scene=scene)
 
 
-def with_latency(solves) -> list[Solved]:
-    """Return solves, best first, with the latency that the touches tell of.
+class Lag(NamedTuple):
+    """How late sensors are: a field of Precision, its prior deviation [s].
 
-    Solves that are not close to the best are left out where it is another one.
+    at(linearisation): what a solve tells of it besides.
     """
-    prompt = solves[0]
-    if not (may_be_late(prompt.job) and prompt.solution.success):
+
+    field: str
+    deviation: float
+    at: Callable
+
+    def of(self, solved: Solved) -> float:
+        """Return the lag that a solve was made with [s]."""
+        return getattr(solved.job.precision, self.field)
+
+
+LAGS = {  # in the order in which they are estimated
+    "sensors": Lag("latency", LATENCY, late_touches),
+    "normals": Lag("normal_lag", AVERAGED, late_normals),
+}
+
+
+def with_lags(solves) -> list[Solved]:
+    """Return solves, best first, with the lags of sensors that the touches tell of.
+
+    Solves that are not close to the best are left out where they are others.
+    """
+    for name, lag in LAGS.items():
+        if may_be_late(solves[0].job) and solves[0].solution.success:
+            solves = _with_lag(name, lag, solves)
+    return solves
+
+
+def _with_lag(name: str, lag: Lag, solves) -> list[Solved]:
+    """Return solves with one lag, if the touches tell of it."""
+    prompt, known = solves[0], lag.at(_linearised(solves[0]))
+    needed = _needed_for_lag(lag, prompt, known)
+    if max(misfit_of(prompt).excess, known.gain) < needed:
         return solves
-    needed = _needed_for_latency(prompt, lag := _lag_at(prompt))
-    if max(misfit_of(prompt).excess, lag.gain) < needed:
+    late, known = _lag_by_steps(lag, prompt, known)
+    if late.cost > prompt.cost - _needed_for_lag(lag, prompt, known):
         return solves
-    late, lag = _latency_by_steps(prompt, lag)
-    if late.cost > prompt.cost - _needed_for_latency(prompt, lag):
-        return solves
-    error = float(np.sqrt(lag.squared[0, 0]))
-    precision = replace(late.job.precision, latency_error=error)
-    log.info("sensors are late by %.1f ms: the objective falls by %.1f nats",
-             1e3 * precision.latency, prompt.cost - late.cost)  # fmt: skip
+    log.info("%s are late by %.1f ms: the objective falls by %.1f nats",
+             name, 1e3 * lag.of(late), prompt.cost - late.cost)  # fmt: skip
+    precision = late.job.precision
+    if lag.field == "latency":
+        error = float(np.sqrt(known.squared[0, 0]))
+        precision = replace(precision, latency_error=error)
     best = replace(late, job=replace(late.job, precision=precision))
     others = [
         warm_started(s.job.as_late_as(precision), s) for s in _close_to_best(solves)
@@ -180,7 +214,7 @@ def with_latency(solves) -> list[Solved]:
 
 
 def as_found(job, other):
-    """Return a job on the ground, and with the latency, of another one."""
+    """Return a job on the ground, and with the latencies, of another one."""
     return on_ground(job, other.scene.ground).as_late_as(other.precision)
 
 
@@ -200,53 +234,47 @@ def may_be_late(job) -> bool:
     return job.scene.latency is None and "prompt" in job.contract.freed
 
 
-def _needed_for_latency(prompt: Solved, lag: ConsiderParameter) -> float:
-    """Return by how many nats a latency must lower the objective to be believed.
+def _needed_for_lag(lag: Lag, prompt: Solved, known: ConsiderParameter) -> float:
+    """Return by how many nats a lag must lower the objective to be believed.
 
-    lag: what is known of it; where an earlier solve found one, a change of it is due.
+    known: what is known of it; where an earlier solve found one, a change of it is due.
     """
-    if prompt.job.precision.latency > 0:
+    if lag.of(prompt) > 0:
         return UNCHANGED
-    occam = np.log(LATENCY * np.sqrt(lag.information[0, 0]))
+    occam = np.log(lag.deviation * np.sqrt(known.information[0, 0]))
     return needed_gain(misfit_of(prompt).spread, occam)
 
 
-def _latency_by_steps(
-    best: Solved, lag: ConsiderParameter
+def _lag_by_steps(
+    lag: Lag, best: Solved, known: ConsiderParameter
 ) -> tuple[Solved, ConsiderParameter]:
-    """Return a solve with the latency that Newton steps lead to, and its own lag.
+    """Return a solve with the lag that Newton steps lead to, and what it tells of it.
 
-    lag: of the given solve.  A step that gained more than expected is doubled next, one
-    that gained nothing is halved: contacts that begin or end make the curvature too
+    known: at the given solve.  A step that gained more than expected is doubled next,
+    one that gained nothing is halved: contacts that begin or end make the curvature too
     large, or too small.
     """
     factor, failed = 1.0, 0
     while failed < MAX_FAILED:
-        if factor <= 1 and factor * lag.gain < UNCHANGED:
+        if factor <= 1 and factor * known.gain < UNCHANGED:
             break
         if best.job.deadline.passed("a latency"):
             break
-        step = np.clip(factor * lag.mean[0], -LONGEST_LAG, LONGEST_LAG)
-        precision = best.job.precision
-        precision = replace(
-            precision, latency=max(0.0, float(precision.latency + step))
-        )
+        mean = np.clip(known.mean[0], -LONGEST_LAG, LONGEST_LAG)
+        step = np.clip(factor * mean, -LONGEST_LAG, LONGEST_LAG)
+        then = max(0.0, float(lag.of(best) + step))
+        precision = replace(best.job.precision, **{lag.field: then})
         late = best.job.as_late_as(precision)
         again = warm_started(late, best)
         gained = best.cost - again.cost
         if not again.solution.success or gained < BETTER_OPTIMUM:
             factor, failed = factor / 2, failed + 1
             continue
-        more = gained > lag.gain
-        best, lag, failed = again, _lag_at(again), 0
-        ahead = 2 * step / lag.mean[0] if lag.mean[0] else 0.0
+        more = gained > known.gain
+        best, known, failed = again, lag.at(_linearised(again)), 0
+        ahead = 2 * step / known.mean[0] if known.mean[0] else 0.0
         factor = max(1.0, ahead) if more else 1.0
-    return best, lag
-
-
-def _lag_at(solved: Solved) -> ConsiderParameter:
-    """Return what is known of how late sensors are besides, at a solve."""
-    return late_touches(_linearised(solved))
+    return best, known
 
 
 def _linearised(solved: Solved) -> Linearisation:
