@@ -1,5 +1,7 @@
 """The interior-point method finds what IPOPT finds, with smaller matrices."""
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from tactilenlp.solvers.condensed_kkt import CondensedKkt
 from tactilenlp.solvers.interior_point import InteriorPoint
 from tactilenlp.solvers.line_search import Filter, Stuck
 from tactilenlp.solvers.options import NAMES, Settings, SolverOptions
+from tactilenlp.solvers.primal_dual import Run
 from tactilenlp.solvers.solve import Solvers, make_ipopt, solve
 from tactilenlp.solvers.sparse_ldl import SparseLdl
 
@@ -204,8 +207,9 @@ def test_options_that_make_no_sense_are_refused(wrong):
         solve(cone([2.0, 0.3, 0.4]), SolverOptions(ipopt=wrong))
 
 
-def test_where_no_step_is_accepted_a_second_run_starts_from_there(monkeypatch):
-    """One such solve of a box that rocks took IPOPT 1500 iterations, to no avail."""
+@pytest.mark.parametrize("diverged", [False, True])
+def test_where_no_step_is_accepted_a_second_run_starts(monkeypatch, diverged):
+    """From there, which took IPOPT 1500 iterations once, or as the first one did."""
     problem, searched = cone([1.0, 3.0, 4.0]), Filter.first_accepted
     whole, filters, begun = solve(problem, TIGHT), [], []
 
@@ -220,12 +224,20 @@ def test_where_no_step_is_accepted_a_second_run_starts_from_there(monkeypatch):
         return searched(self, at, *line)
 
     monkeypatch.setattr(Filter, "first_accepted", refuse_in_the_first_run)
+    monkeypatch.setattr(Run, "diverged", lambda run: diverged)
     monkeypatch.setattr(solving, "make_ipopt", None)  # it is not asked
     found = solve(problem, TIGHT)
     assert found.success
     assert found.objective == pytest.approx(whole.objective, rel=1e-9)
     assert len(filters) == 2
-    assert np.abs(begun[-1] - begun[-2]).max() < np.abs(begun[-1] - begun[0]).max()
+    from_first, from_last = (np.abs(begun[-1] - begun[k]).max() for k in (0, -2))
+    assert (from_first < from_last) == diverged
+
+
+@pytest.mark.parametrize("last", [(1.5, 3.0), (1.5, 1.0), (0.5, 3.0)])
+def test_a_run_diverged_where_primal_and_dual_errors_grew(last):
+    run = SimpleNamespace(history=[(9.0, 1.0, 2.0, 0.1), (8.0, *last, 0.1)])
+    assert Run.diverged(run) == (last == (1.5, 3.0))
 
 
 def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch):

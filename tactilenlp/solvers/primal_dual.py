@@ -32,7 +32,7 @@ MOST_RESETS = 5  # of a filter that accepts no step
 
 
 class Run:
-    """One solve: the current point, multipliers y of g and z of the bounds of w.
+    """One solve: first and current point, multipliers y of g, z of the bounds of w.
 
     assembly: an nlp.assembly.Assembly; kkt: the CondensedKkt of its patterns.
     """
@@ -61,7 +61,7 @@ class Run:
         x = _inside(x0, lower[: self.n], upper[: self.n], push[: self.n])
         values = self.assembly.evaluated(x, p)
         w = np.r_[x, _inside(values[2], lbg, ubg, push[self.n :])]
-        self.at = self._point(w, values)
+        self.at = self.start = self._point(w, values)
         self.z_lo, self.z_hi = np.ones(len(self.lo)), np.ones(len(self.hi))
         if warm:
             self.y = np.array(lam_g0, float)
@@ -71,6 +71,11 @@ class Run:
         else:
             self.y = self._first_multipliers()
         self.filter = Filter(self.at.violation)
+
+    def diverged(self) -> bool:
+        """Tell whether both primal and dual error grew since the start."""
+        (_, *first, _), (_, *last, _) = self.history[0], self.history[-1]
+        return all(now > then for now, then in zip(last, first, strict=True))
 
     def continue_counts(self, run: Run) -> None:
         """Count iterations, evaluations and time on from an earlier run."""
