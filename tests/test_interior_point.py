@@ -238,6 +238,7 @@ def test_where_no_step_is_accepted_a_second_run_starts(monkeypatch, diverged):
 def test_a_run_diverged_where_primal_and_dual_errors_grew(last):
     run = SimpleNamespace(history=[(9.0, 1.0, 2.0, 0.1), (8.0, *last, 0.1)])
     assert Run.diverged(run) == (last == (1.5, 3.0))
+    assert not Run.diverged(SimpleNamespace(history=[]))
 
 
 def test_where_no_step_is_accepted_ipopt_solves_from_the_same_start(monkeypatch):

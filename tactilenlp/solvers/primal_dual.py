@@ -74,6 +74,8 @@ class Run:
 
     def diverged(self) -> bool:
         """Tell whether both primal and dual error grew since the start."""
+        if not self.history:  # no number where it begins
+            return False
         (_, *first, _), (_, *last, _) = self.history[0], self.history[-1]
         return all(now > then for now, then in zip(last, first, strict=True))
 
