@@ -63,28 +63,28 @@ def build(nlp, window, scene, shape):
     eps = nlp.parameter("eps", EPS, "weights mm")
     slack = nlp.parameter("slack", SLACK, "weights")
     nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
-    fingers, ground = contacts_of(window, shape)
+    law = Balance(*contacts_of(window, shape), scene.gravity)
     step, push, corner = window.step, window.push, window.corner
     w = scene.mass * G * step.dt  # (steps,) [N s]
     w_push, w_corner = w[push.step], w[corner.step]
     size = w.mean() if len(w) else scene.mass * G
-    lam = impulses(nlp, names.FINGER, w_push, size, size / 10)
-    lam_g = impulses(nlp, names.GROUND, w_corner, size, w_corner / len(shape.corners))
+    lam = impulses(nlp, names.FINGER, len(push), size, size / 10)
+    load = w_corner / len(shape.corners)
+    lam_g = impulses(nlp, names.GROUND, len(corner), size, load)
     mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
     mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
     pushes, corners = Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
-    law = Balance(fingers, ground, scene.gravity)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
-    add_sliding(nlp, names.FINGER, fingers.velocity, now, at, pushes, eps)
-    add_separation(nlp, fingers, now, at, eps)
+    add_sliding(nlp, names.FINGER, law.fingers.velocity, now, at, pushes, eps)
+    add_separation(nlp, law.fingers, now, at, eps)
     now = steps_of(step, theta, x, corners.w, corner.step)
     at = Corner(None, corners.lam, corner.signs)
-    add_sliding(nlp, names.GROUND, ground.velocity, now, at, corners, eps)
-    finger_contact.report_impulses(nlp, window, fingers, theta, x, pushes)
-    nlp.report(names.GROUND_IMPULSE, ground.impulse, corners.lam)
+    add_sliding(nlp, names.GROUND, law.ground.velocity, now, at, corners, eps)
+    finger_contact.report_impulses(nlp, window, law.fingers, theta, x, pushes)
+    nlp.report(names.GROUND_IMPULSE, law.ground.impulse, corners.lam)
 
 
 def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):

@@ -56,8 +56,8 @@ def friction(nlp, name, value):
     return mu
 
 
-def impulses(nlp, name, contacts, scale, normal=0.0, frictionless=(), most=ca.inf):
-    """Declare the impulses (normal, t1, t2) [N s] of contacts, a column for each.
+def impulses(nlp, name, count, scale, normal=0.0, frictionless=(), most=ca.inf):
+    """Declare the impulses (normal, t1, t2) [N s] of `count` contacts, as columns.
 
     normal: guess of the normal one; scale: of all [N s]; frictionless: the names of
     contacts without friction, which have the normal one alone; most: bound of that.
@@ -66,7 +66,7 @@ def impulses(nlp, name, contacts, scale, normal=0.0, frictionless=(), most=ca.in
     lower, upper = [0, -ca.inf, -ca.inf], [most, ca.inf, ca.inf]
     guess = [normal, 0 * normal, 0 * normal]
     return nlp.variable(
-        name, rows, len(contacts), lower=lower[:rows], upper=upper[:rows],
+        name, rows, count, lower=lower[:rows], upper=upper[:rows],
         guess=guess[:rows], unit="N s", scale=scale,
     )  # fmt: skip
 

@@ -82,15 +82,15 @@ def build(nlp, window, scene):
         nlp.variable(name, 3, n, guess=0.0, unit="m, 1, 1", scale=(1e-3, 1e-2, 1e-2))
         for name, n in (("plane", 1), ("offset", window.tosses))
     )
-    weight = [w] * len(touch)
-    lam = impulses(nlp, "ground", weight, w, w / 4)
+    lam = impulses(nlp, "ground", len(touch), w, w / 4)
     fall = nlp.parameter("fall", [scene.mass, scene.gravity, window.dt], "kg, m/s^2, s")
     uniform = nlp.parameter("uniform inertia", window.uniform, "m^2")
     nlp.parameter("surface", SURFACE, "m")
     balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam)
     ground = Ground(plane, offset[:, step.toss[touch.step]])
     corner = Vertex(theta[:, touch.column], touch.sign)
-    contacts(nlp, window, ground, radius, corner, Impulses(lam, mu, weight), fall)
+    pushes = Impulses(lam, mu, [w] * len(touch))
+    contacts(nlp, window, ground, radius, corner, pushes, fall)
     for x, mean, deviation in (
         (theta, window.guess.T, SIZE),
         (radius, 0.0, EDGE_RADIUS),

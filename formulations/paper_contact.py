@@ -26,8 +26,8 @@ def impulses(nlp, window, scene, shape):
     step, push, corner = window.step, window.push, window.corner
     size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)  # [N s]
     most, load = LAM_MAX * size, size / len(shape.corners)
-    lam = friction.impulses(nlp, FINGER, push, size, size / 10, most=most)
-    return lam, friction.impulses(nlp, GROUND, corner, size, load, most=most)
+    lam = friction.impulses(nlp, FINGER, len(push), size, size / 10, most=most)
+    return lam, friction.impulses(nlp, GROUND, len(corner), size, load, most=most)
 
 
 def maximum_dissipation(nlp, name, velocity, now, at):

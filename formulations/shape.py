@@ -29,12 +29,12 @@ def half_diagonal(theta):
 
 
 def every_size(theta):
-    """Return theta: the sizes, of which the information tells."""
+    """Return theta: the sizes whose information is computed, by default."""
     return theta
 
 
 def as_it_is(shape, theta):
-    """Return the shape: the page `pushing` takes it as every page does."""
+    """Return the shape unchanged: the one that the page `pushing` takes by default."""
     return shape
 
 

@@ -119,8 +119,8 @@ def impulses_of(nlp, window, scene, shape, share=None):
     share = 1 / len(shape.corners) if share is None else share
     slips = window.frictionless
     load = w_corner * share
-    lam = impulses(nlp, FINGER, w_push, size, frictionless=slips)
-    lam_g = impulses(nlp, GROUND, w_corner, size, load, frictionless=slips)
+    lam = impulses(nlp, FINGER, len(w_push), size, frictionless=slips)
+    lam_g = impulses(nlp, GROUND, len(w_corner), size, load, frictionless=slips)
     mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
     known = scene.friction_ground if len(w_corner) else 0
     mu_g = friction(nlp, GROUND_FRICTION, known)

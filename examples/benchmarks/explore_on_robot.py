@@ -51,8 +51,8 @@ NEAR = 0.02  # [m], starts about the middle of the workspace
 ZERO = np.deg2rad(1.0)  # deviation of a joint's zero angle
 TIP = 3e-3, 5e-3  # [m], the paper's error of a fingertip at rest
 PUSH = 160.0, 1.7  # [N/m], [N] of a finger: stiffness and strength of its joints
-# [rad] Normals of flat faces, the zero angles right, are 3 mrad off (trials 1390-1392, 289
-# samples), alike in the ten samples of a touch: sqrt(10) as much, were they independent.
+# [rad] On flat faces, with right zero angles, normals are 3 mrad off (trials 1390 to
+# 1392, 289 samples), alike in the ten samples of a touch, therefore sqrt(10) as much.
 NORMAL = 0.01
 OFFSET = 4e-3 / np.sqrt(3)  # [m] deviation of each coordinate of a tip 4 mm off
 PLACES = [[0.05, 0.0, 0.04], [-0.05, 0.0, 0.04]]  # [m] about which either tip works

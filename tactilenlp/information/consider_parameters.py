@@ -1,4 +1,4 @@
-r"""Consider parameters: what a page takes as given, and sigma covers all the same.
+r"""Consider parameters: what a page fixes and sigma includes the uncertainty of.
 
 Quantities r (d,) are held where the page takes them, mostly at zero; what the data tell
 of them is read from the solution, without another solve (consider covariance: S. F.
@@ -6,8 +6,8 @@ Schmidt, Advances in Control Systems 3, 1966).  With b how the gradient moves wi
 
     dx/dr = -K^{-1} b,      I = 1 / deviation^2 + L_rr + b' dx/dr,      m = -I^{-1} L_r
 
-are how the estimate moves with r, what is known of r, and where it is likeliest.  r is
-o times as likely none as Gaussian before any touch, so that
+are the sensitivity of the estimate, the information on r, and its mode.  The prior of r
+is a spike and slab, exactly zero with odds o : 1, else Gaussian, so that
 
     E[r r'] = (I^{-1} + m m') / (1 + o deviation^d sqrt(det I) exp(-m' I m / 2)).
 
@@ -18,8 +18,8 @@ whether edges are sharp.  In the same way touches, and normals alone, are taken 
 their instant, or of a latency that was estimated before (newton_steps.py); r is
 a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
 velocities.  The radius of a finger is mostly as it was told, o = 50; sigma allows for
-another one where no body fits the touches of this finger and of the others as well.  A
-radius that is wrong for all fingers alike, no touch tells.
+another one where no body fits the touches of this finger and of the others as well.  An
+error of the radius that all fingers share is not observable.
 
 The ground is assumed to be level, or as it was told.  Its tilt r (2,) are rotations
 about its own horizontal axes: seen from a ground that is turned by r, positions and

@@ -25,21 +25,28 @@ LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the g
 class Information:
     """Information about the shape and the pose at the last sample.
 
-    names (k,) of the independent unknowns; matrix (k, k) their information, SI; parts:
-    what each term adds to it, by name, and roles: each term's role; modes: other local
-    optima, with weights; maps: (3, k) Jacobian of every quantity a user asks for by
-    name, rows of NaN where a reduction fixed it (`fixed`).  unobserved: words for what
-    only the prior holds, directions (k, r): unit vectors [prior deviations] of it;
-    active, ambiguous: how many rows of each constraint or bound hold with equality, or
-    nearly; indefinite: terms by which the reduced Hessian curves down, and along what;
-    offsets (3 F, 3 F) [m^2]: the covariance of fingers that are not where they say;
-    with_offsets (k + 3 F, k + 3 F): the matrix without marginalising these; path
-    (T, 6): deviations of position [m] and rotation [rad] at every sample, world frame;
-    ground (6, 6): what the ground under a body in planar motion adds to the covariance
-    of its final position and rotation; considered: what touches tell of quantities that
-    the page takes as given, by name; budget: variances (n,) of `names`, then of the
-    rows of `maps`, by each error alone, by the names of error_budget.py: they add up to
-    those of covariance_matrix; none that are zero, and empty in older files.
+    names: (k,) of the independent unknowns
+    matrix: (k, k) information of these, SI
+    covariance_matrix: (k, k) their covariance, SI
+    parts: (k, k) of each term, by name: they add up to `matrix`
+    roles: role of each term, by name
+    modes: other local optima, with weights
+    maps: (3, k) Jacobian of each quantity that a user asks for, by name; rows of NaN
+        where a reduction fixed it (`fixed`)
+    unobserved: words for directions that only the prior determines
+    directions: (k, r) unit vectors of these [prior deviations]
+    active, ambiguous: count of rows of each constraint or bound that hold with
+        equality, or nearly, by name
+    indefinite: terms with negative curvature in the reduced Hessian, and its direction
+    offsets: (3 F, 3 F) [m^2] covariance of errors of finger positions
+    with_offsets: (k + 3 F, k + 3 F) the matrix without marginalising these
+    path: (T, 6) deviations of position [m] and rotation [rad] of samples, world frame
+    ground: (6, 6) part of the covariance of final position and rotation that is due to
+        the tilt of the ground, in planar motion
+    considered: what touches tell of quantities that the page fixes, by name
+    budget: (n,) variances of `names`, then of the rows of `maps`, by each error alone,
+        by the names of error_budget.py: they add up to those of covariance_matrix; none
+        that are zero, and empty in older files
     """
 
     names: tuple[str, ...]

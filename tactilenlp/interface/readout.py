@@ -39,7 +39,8 @@ from ..tracking.surface import body_surface
 from .request import CHECK_FOR_MISTAKES, Request
 from .result import OF_SOLVE, Estimate
 
-CASTS_DOUBT = 10.0  # [limits] beyond which a reduction casts doubt: of hulls up to 3 do
+# [limits] A reduction beyond it makes a fit poor: hulls that are right reach up to 3.
+CASTS_DOUBT = 10.0
 NOT_COMPUTED = "anything (no time to compute sigma: it is that of the prior)"
 
 

@@ -111,16 +111,16 @@ def warm_started(
 
 def freed_to_tilt(job: Job, slid: Solved) -> Solved:
     """Solve the page in free motion from its solution `slid` in planar motion."""
-    s, at = slid.solution, slid.at
-    x = planar_to_free(at.theta, s.values["x"], job.shape)
+    solution, at = slid.solution, slid.at
+    x = planar_to_free(at.theta, solution.values["x"], job.shape)
     raised = replace(
-        s, values=s.values | {"x": x},
-        bound_multipliers=s.bound_multipliers | {"x": np.zeros_like(x)},
+        solution, values=solution.values | {"x": x},
+        bound_multipliers=solution.bound_multipliers | {"x": np.zeros_like(x)},
     )  # fmt: skip
     at = replace(at, x=planar_to_free(at.theta, at.x, job.shape))
     lying = replace(slid, hypothesis=at, solution=raised)
     tilted = warm_started(job, lying)
-    return replace(tilted, solution=after(s, tilted.solution))
+    return replace(tilted, solution=after(solution, tilted.solution))
 
 
 # Continuation: from an easier problem of the same page to the page itself

@@ -64,8 +64,7 @@ class Problem:
     constraints: dict[str, Term] = field(default_factory=dict)
     reports: dict[str, Term] = field(default_factory=dict)
     dependent: dict[str, np.ndarray] = field(default_factory=dict)  # see `follow`
-    # By name and sizes of the arguments; problems of one page may share them.
-    functions_by_name: dict[tuple, object] = field(default_factory=dict)
+    functions_by_name: dict = field(default_factory=dict)  # problems may share them
     cache: TermFunctionCache = field(default_factory=default_cache)
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     noting: Callable = nullcontext  # see TermFunctionCache.of
@@ -139,6 +138,7 @@ class Problem:
 
     @property
     def size(self) -> int:
+        """The number of unknowns."""
         return sum(v.rows * v.columns for v in self.variables.values())
 
     @property
@@ -164,6 +164,7 @@ class Problem:
 
     @cached_property
     def scale(self) -> np.ndarray:
+        """The scale of each unknown, SI."""
         blocks = [np.tile(v.scale, v.columns) for v in self.variables.values()]
         return np.concatenate([np.zeros(0), *blocks])
 
@@ -184,10 +185,11 @@ class Problem:
         }
 
     def bounds(self, which: str) -> np.ndarray:
-        blocks = [getattr(v, which).T.ravel() for v in self.variables.values()]
-        return np.concatenate(blocks)
+        """Return the "lower" or "upper" bounds of all unknowns, SI."""
+        return np.hstack([getattr(v, which).T.ravel() for v in self.variables.values()])
 
     def limits(self, which: str) -> np.ndarray:
+        """Return the "lower" or "upper" limits of all constraints."""
         blocks = [getattr(t, which).ravel() for t in self.constraints.values()]
         return np.concatenate([np.zeros(0), *blocks])
 
@@ -200,9 +202,8 @@ class Problem:
     def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
         """Return the Jacobian of one term, (instances * rows, unknowns), SI units."""
         term = self.terms[name]
-        _, nonzeros = term.evaluated("first", x, data)
-        shape = (term.rows, self.size)
-        return sp.csc_matrix((nonzeros.T.ravel(), term.jacobian_places), shape)
+        values = term.evaluated("first", x, data)[1].T.ravel()
+        return sp.csc_matrix((values, term.jacobian_places), (term.rows, self.size))
 
     def hessian(
         self, name: str, x: np.ndarray, data: np.ndarray, multiplier=1.0
@@ -218,7 +219,7 @@ class Problem:
         i, j = np.r_[rows, columns[off]], np.r_[columns, rows[off]]
         return sp.csc_matrix((np.r_[values, values[off]], (i, j)), (self.size,) * 2)
 
-    # -- for who writes a page --------------------------------------------------------
+    # -- what authors of pages and solvers ask for ------------------------------------
     def describe(self) -> str:
         """Return sizes, units and terms in words."""
         return describe(self)
@@ -227,7 +228,6 @@ class Problem:
         """Examine derivatives, scaling, rank and unused unknowns."""
         return check(self, start, seed)
 
-    # -- symbols for the solver -------------------------------------------------------
     @cached_property
     def assembly(self) -> Assembly:
         """The programme in scaled unknowns: values and derivatives as arrays."""

@@ -68,8 +68,8 @@ class Steps(Rows):
 class Pushes(Rows):
     """Finger contacts that may carry an impulse, each within one step.
 
-    p_wf_1 is where the finger was at `before`, the sample before, of which one that
-    came twice is none; tangent (3,) where t1 points.
+    p_wf_1: finger position at `before`, the previous sample (repeated ones are
+    skipped); tangent (3,): direction of t1.
     """
 
     sample: np.ndarray

@@ -108,7 +108,7 @@ def _with_renamed_axes(shape, solved, order, S) -> Solved:
 
     Ground contacts are listed by corner, the same ones at each step.
     """
-    s, corners = solved.solution, np.array(shape.corners)
+    solution, corners = solved.solution, np.array(shape.corners)
     terms = solved.problem.constraints.values()
     of_ground = {term.name for term in terms if term.per == GROUND}
     places = [int(np.argmax(corners @ (S @ c))) for c in corners]
@@ -122,11 +122,14 @@ def _with_renamed_axes(shape, solved, order, S) -> Solved:
 
     multipliers = {
         name: old[rows] if name in of_ground else old
-        for name, old in s.multipliers.items()
+        for name, old in solution.multipliers.items()
     }
+    x = with_axes(solution.values["x"], S)
     solution = replace(
-        s, values=relabelled(s.values) | {"x": with_axes(s.values["x"], S)},
-        bound_multipliers=relabelled(s.bound_multipliers), multipliers=multipliers,
-    )  # fmt: skip
+        solution,
+        values=relabelled(solution.values) | {"x": x},
+        bound_multipliers=relabelled(solution.bound_multipliers),
+        multipliers=multipliers,
+    )
     h = renamed(solved.hypothesis, order, S)
     return replace(solved, hypothesis=h, solution=solution)

@@ -217,8 +217,8 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     old, legs, V = solved.window.legs, window.legs, window.start
     if np.array_equal(old, legs):
         return solved
-    s, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
-    ground = s.values[GROUND]
+    solution, yaw = solved.solution, solved.at.x[2, solved.window.step.sample]
+    ground = solution.values[GROUND]
     impulses_at_legs = redistributed(
         V[old], V[legs], yaw, ground.reshape(len(ground), -1, len(old))
     )
@@ -229,11 +229,11 @@ def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
     )
     terms = solved.problem.constraints.values()
     of_ground = {term.name for term in terms if term.per == GROUND}
-    others = {k: m for k, m in s.multipliers.items() if k not in of_ground}
+    others = {k: m for k, m in solution.multipliers.items() if k not in of_ground}
     solution = replace(
-        s, values=s.values | {GROUND: impulses_at_legs},
+        solution, values=solution.values | {GROUND: impulses_at_legs},
         multipliers=others,
-        bound_multipliers=s.bound_multipliers | {GROUND: 0 * impulses_at_legs},
+        bound_multipliers=solution.bound_multipliers | {GROUND: 0 * impulses_at_legs},
     )  # fmt: skip
     at = replace(solved.window, corner=corner, legs=legs)
     return replace(solved, solution=solution).with_window(at)

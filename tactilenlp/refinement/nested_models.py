@@ -162,8 +162,8 @@ def _with_open_height(job, freed) -> list[Solved]:
     theta[2] = body_height(job.data, shape, shape.typical_size, np.inf)
     if best.at.theta[2] >= theta[2] or job.deadline.passed("an open height"):
         return freed
-    s = best.solution
-    raised = replace(s, values=s.values | {"theta": theta[:, None]})
+    solution = best.solution
+    raised = replace(solution, values=solution.values | {"theta": theta[:, None]})
     raised = replace(best, solution=raised)
     higher = warm_started(job, raised, FREED_MU)
     return best_first([*freed, higher])

@@ -120,9 +120,9 @@ def fits_badly(request, best: Solved) -> bool:
     Its touches cost more than expected: the fit is not good; or, of a class with sizes,
     it moved between two actions though its speed did not carry it on; or precise
     touches agree with poses that physics does not, by more than each action leaves.
-    Another search finds more where it goes action by action, is less sure of how pushes
-    move a body, or sure that nobody carries it.  Of a class with sizes that is no box,
-    the class may be wrong.
+    A second search may find a lower optimum: action by action, with more process noise,
+    or without a body that is carried.  Of a class with sizes that is no box, the class
+    may be wrong.
     """
     job = best.job
     sought = job.shape.faced or job.shape.of_vertices

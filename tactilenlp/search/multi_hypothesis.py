@@ -54,13 +54,14 @@ POSTERIOR_PARTS = 250  # of a posterior: parts of all its hypotheses together
 class _Past:
     """What tracks continue: hypotheses, and how their poses follow size and last pose.
 
-    along: (T, 3, n + 3) of each; of: by first track, which of them it continues; name:
-    of the proposal; carried: whether the body may be, between two actions.
+    along: d poses / d (theta, last pose) of each hypothesis, (T, 3, n + 3); parent
+    (S,): index of the hypothesis that each first track continues; name: of the
+    proposal; carried: whether the body may be, between two actions.
     """
 
     kept: tuple
     along: tuple
-    of: np.ndarray
+    parent: np.ndarray
     name: str = "track"
     carried: bool = False
 
@@ -105,7 +106,7 @@ class _Run:
         done, begin = past.samples, states[:, :, max(past.samples - 1, 0)]
         return [
             past.with_track(of, b, tracks.z[:, i], s[-3:, done:], -tracks.evidence[i])
-            for i, s, b, of in zip(rows, states, begin, past.of[first], strict=True)
+            for i, s, b, of in zip(rows, states, begin, past.parent[first], strict=True)
         ]
 
 

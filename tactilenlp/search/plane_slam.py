@@ -116,13 +116,15 @@ def solved_faces(job, window, faces: Faces, levels) -> Faces:
     return faces_from(window, faces, solution_from(job, problem, window, faces, levels))
 
 
-def faces_from(window, faces: Faces, s) -> Faces:
+def faces_from(window, faces: Faces, solution) -> Faces:
     """Return planes and poses of a solution of the page that started from `faces`."""
-    m, b = s.values["plane"][:3].T, s.values["plane"][3]
+    m, b = solution.values["plane"][:3].T, solution.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
-    x = s.values["x"][:, window.pose]
-    iterations = faces.iterations + s.iterations
-    return replace(faces, n=n, b=b, x=x, objective=s.objective, iterations=iterations)
+    x = solution.values["x"][:, window.pose]
+    iterations = faces.iterations + solution.iterations
+    return replace(
+        faces, n=n, b=b, x=x, objective=solution.objective, iterations=iterations
+    )
 
 
 def merged_faces(window, faces: Faces) -> Faces:
