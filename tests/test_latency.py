@@ -26,7 +26,7 @@ from tactilenlp.interface.readout import hull_poses
 from tactilenlp.interface.request import make_job, read_request
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.refinement.model_selection import evidence_of
-from tactilenlp.refinement.newton_steps import as_found, may_be_late
+from tactilenlp.refinement.sensor_lags import may_be_late
 
 SAMPLE = 1 / 30  # [s]
 
@@ -140,7 +140,7 @@ def test_a_job_of_late_sensors_keeps_what_was_recorded(request_of):
     later = late.as_late_as(replace(job.precision, latency=SAMPLE))
     once = job.as_late_as(later.precision)
     assert later.data == once.data  # no interpolation of what was interpolated
-    assert as_found(job, later).data == once.data
+    assert job.as_found(later).data == once.data
     assert later.as_late_as(job.precision).data is job.data
     assert later.prior_cost == pytest.approx((SAMPLE / LATENCY) ** 2 / 2)
     moved = late.of_data(lambda data: data.transformed(np.eye(3), (1.0, 0.0, 0.0)))

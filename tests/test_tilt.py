@@ -14,7 +14,7 @@ from tactilenlp import Options, Session
 from tactilenlp.information.goodness_of_fit import Misfit
 from tactilenlp.interface.request import read_request
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.refinement import nested_models, tilt
+from tactilenlp.refinement import nested_models, rocking_body
 
 SIDES = np.array([0.04, 0.03, 0.06])
 TILT = np.radians(12.0)
@@ -66,8 +66,8 @@ def test_tilt_starts_from_the_flat_optimum_and_roughly_where_touches_stay_wrong(
         "without_needless": lambda solved: solved,
     }  # fmt: skip
     for name, function in replaced.items():
-        monkeypatch.setattr(tilt, name, function)
-    assert tilt.with_tilt(solve(60.0, job=job)).solution.objective == objective
+        monkeypatch.setattr(rocking_body, name, function)
+    assert rocking_body.with_tilt(solve(60.0, job=job)).solution.objective == objective
     assert asked == (["rough"] if objective == 10.0 else [])
 
 
@@ -108,7 +108,7 @@ class WithLength:
 
 def test_felt_normals_tell_the_tilt_of_every_pose():
     x, window, angle = pushed_over()
-    found = tilt._tilts(CUBOID, SIDES, x, window)
+    found = rocking_body._tilts(CUBOID, SIDES, x, window)
     # The change of tilt is believed to be small: a part of the last one is missed.
     assert found[0, 0] == pytest.approx(0.0, abs=1e-4)
     assert found[0, 1:] == pytest.approx(angle[1:], abs=0.15 * TILT)
@@ -119,12 +119,12 @@ def test_one_wrong_normal_tilts_no_body():
     x, window, angle = pushed_over()
     window.touch.normal = window.touch.normal.copy()
     window.touch.normal[6] = [0.0, 0.0, 1.0]  # as if its top had been touched
-    found = tilt._tilts(CUBOID, SIDES, x, window)
+    found = rocking_body._tilts(CUBOID, SIDES, x, window)
     assert found[0, 1:] == pytest.approx(angle[1:], abs=0.2 * TILT)
 
 
 def test_slopes_of_normals_are_those_of_finite_differences():
-    normals, slopes = tilt._normals(CUBOID, SPHERE, (1, 3))
+    normals, slopes = rocking_body._normals(CUBOID, SPHERE, (1, 3))
     x = np.array([0.01, -0.02, 0.031, 0.0, 0.0, 0.4])
     finger = x[:3] + np.array(
         [0.021, 0.024, 0.02]

@@ -12,7 +12,7 @@ from tactilenlp import Estimate, Ground, Guess, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.information.goodness_of_fit import Misfit
 from tactilenlp.interface.request import first_guess
-from tactilenlp.refinement.newton_steps import with_ground_tilt
+from tactilenlp.refinement.ground_tilt import with_ground_tilt
 
 LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
 
@@ -111,7 +111,7 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
         solution = Solution()
         job = SimpleNamespace(scene=Scene(), contract=page)
 
-    where = "tactilenlp.refinement.newton_steps.misfit_of"
+    where = "tactilenlp.refinement.ground_tilt.misfit_of"
     monkeypatch.setattr(where, lambda solved: Misfit(1.0, 0.0, 3.0))
     kept = [Solved()]
     assert with_ground_tilt(kept) is kept

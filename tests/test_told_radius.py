@@ -93,6 +93,7 @@ def test_the_summary_tells_what_is_not_as_it_was_taken():
         "late normals": (12e-3, 2e-3, 0.99), f"{RADIUS_OF}0": (2e-4, 5e-5, 0.95),
         f"{RADIUS_OF}1": (-3e-4, 5e-5, 0.96), f"{RADIUS_OF}2": (9e-4, 5e-5, 0.8),
     }  # fmt: skip
+    considered = {name: Considered(*value) for name, value in considered.items()}
     told = SimpleNamespace(considered=considered)
     estimate = SimpleNamespace(information=told, sensors=Precision(0.0, 0.0))
     edges, late, radii = doubts_in_words(estimate)

@@ -144,15 +144,6 @@ class Scene:
         return replace(self, ground=other.ground) if same else self
 
     @property
-    def tilt_cost(self) -> float:
-        """The prior of the tilt of the ground against the one that was told [nats]."""
-        if self.ground is None or self.ground.told is None or self.sigma_tilt == 0:
-            return 0.0
-        from formulations.sensing import heavy_tailed  # lazily: import stays light
-
-        return float(heavy_tailed(np.sum((self.ground.tilt / self.sigma_tilt) ** 2), 2))
-
-    @property
     def joints(self) -> JointZeros | None:
         """The joints whose zero angles are wrong, in the ground's frame; or None."""
         has_joints = isinstance(self.sigma_offset, JointZeros)

@@ -37,8 +37,8 @@ class Precision:
 
     normal_error [-]: relative standard deviation of `normal`, zero where it was told.
     latency, latency_error [s]: by how much contacts and normals are reported later than
-    positions, and its standard deviation; normal_lag [s]: by how much normals are later
-    than contacts besides.  All zero where data do not ask for it.
+    positions, and its standard deviation; normal_lag, normal_lag_error [s]: by how much
+    normals are later than contacts besides.  All zero where data do not ask for it.
     """
 
     position: float
@@ -47,6 +47,10 @@ class Precision:
     latency: float = 0.0
     latency_error: float = 0.0
     normal_lag: float = 0.0
+    normal_lag_error: float = 0.0
+
+
+LAGS_AND_ERRORS = "latency", "latency_error", "normal_lag", "normal_lag_error"
 
 
 def precision_of(data: Measurements, scene=None) -> Precision:

@@ -23,8 +23,8 @@ from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved
 from ..problem.certificates import certify
 from ..refinement.nested_models import NUISANCES
-from ..refinement.newton_steps import as_found, with_lags
 from ..refinement.refinement import from_scratch
+from ..refinement.sensor_lags import with_lags
 from ..search.multistart import multistart
 from ..tracking.tracking import tracked_samples
 from .initial_search import REFINEMENT_END
@@ -72,7 +72,7 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
         starts = [interpolate(h, data, rows) for h in coarse.starts]
         return replace(coarse, kept=kept, starts=starts)
     made = {name: getattr(coarse_best.job.reductions, name) for name in SELECTED}
-    job = as_found(request.job, coarse_best.job).with_reductions(**made)
+    job = request.job.as_found(coarse_best.job).with_reductions(**made)
     dense = replace(request, job=job)
     starts = [interpolate(s.at, data, rows) for s in (coarse_best, *coarse.modes)]
     starts = distinct(dense.job.shape, starts, request.widths[1], LEAST_MOTION_BEHIND)

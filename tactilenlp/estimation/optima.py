@@ -1,5 +1,21 @@
 """Optima of the page: search, local solves, model selection, certificates.
 
+After the page is solved from the starts of a search, its model is revised step by step,
+each from the best solve of the step before.  The module of refinement/, where a step is
+tried, what it frees:
+
+    sensor_lags           promised by a Newton step: latency, lag of normals
+    ground_tilt           touches cost too much: the tilt of the ground
+    nested_models         touches cost too much: turned sensors, compliance, centre
+    ground_tilt           turns of sensors were freed: a tilt in their place
+    incremental_polytope  an update of a polytope costs too much: another one
+    axis_names            always: order and signs of a box's axes
+    certification         a reduction does not hold: it is not made
+    rocking_body          touches cost too much: free motion, from tilts
+    certification         flat poses are contradicted: free motion, from tumbles
+    profile_likelihood    a size was not touched: its sigma, or a better optimum
+    certification         flat poses alone tell an untouched height: free motion
+
 A search is repeated from the first touch where the objective says that it has lost the
 trajectory, with a latency of the sensors that was found, and on a ground that was found
 to lean.  Where the fit is not good, or physics costs more than usual, another one
@@ -26,17 +42,11 @@ from ..refinement.certification import (
     solve_other_motions,
     with_profiles,
 )
+from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues
 from ..refinement.incremental_polytope import continue_if_implausible
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import with_nuisance_parameters
-from ..refinement.newton_steps import (
-    as_found,
-    lost_by_latency,
-    with_ground_for_turns,
-    with_ground_tilt,
-    with_lags,
-)
 from ..refinement.refinement import (
     fits_badly,
     from_scratch,
@@ -45,6 +55,7 @@ from ..refinement.refinement import (
     solve_from_hypotheses,
     update_costs_too_much,
 )
+from ..refinement.sensor_lags import lost_by_latency, with_lags
 from ..solvers.solution import check_finite
 from .few_starts import FewStarts, update_from_few_starts
 from .initial_search import REFINEMENT_END, SEARCH_END, initial_hypotheses
@@ -163,7 +174,7 @@ def _search_by_action(request: Request, found: Job) -> Optima | None:
     for job in parts:
         if not _in_time(request):
             return None
-        part = replace(request, job=as_found(job, found))
+        part = replace(request, job=job.as_found(found))
         optima = _search_once(part, Incumbents(kept))
         if optima.best is None:
             return None
@@ -203,7 +214,7 @@ def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
         and request.job.search.hypothesis is None
     ):
         log.info("searching again on the ground that leans")
-        return replace(from_scratch(request), job=as_found(request.job, best.job))
+        return replace(from_scratch(request), job=request.job.as_found(best.job))
     if update_costs_too_much(request, best):
         return from_scratch(request)
     return None

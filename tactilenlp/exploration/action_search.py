@@ -15,7 +15,7 @@ from formulations.shape import Shape
 from ..common.brief import printed
 from ..common.interrupt import interruptible
 from ..common.threads import on_one_thread
-from ..common.validation import check_whole
+from ..common.validation import check_types, check_whole
 from ..data.ground import frame_of
 from ..errors import typed_call
 from ..geometry.faces import polygons
@@ -54,6 +54,8 @@ class Choice:
 
 
 @typed_call()
+@interruptible()
+@on_one_thread
 def choose_action(
     estimate,
     workspace: Workspace | None = None,
@@ -64,6 +66,7 @@ def choose_action(
     hypotheses: int = 3,
     slopes: str = "motion",
     shape: Shape | None = None,
+    prior_only: bool = False,
 ) -> Choice:
     """Return the action with the largest expected information gain (eq:eig).
 
@@ -72,25 +75,12 @@ def choose_action(
     rectangles, then COBYLA), "crs2", "isres", "mlsl", "bobyqa", "random", "cem" or a
     CrossEntropy (the paper's: the action is drawn from the best of the last iteration).
     budget: evaluations of the gain (a CrossEntropy has its own).  Equal seeds give
-    equal choices.  hypotheses, slopes, shape: see ExpectedInformation.  Lines of the
-    action start outside the estimated body: the workspace's radius is enlarged for
-    that.  Raises OptionError, SceneError.
+    equal choices.  hypotheses, slopes, shape: see ExpectedInformation.  prior_only: the
+    gain is not given the measurements so far (D-optimal).  Lines of the action start
+    outside the estimated body: the workspace's radius is enlarged for that.  Raises
+    OptionError, SceneError.
     """
-    return most_informative(
-        estimate, workspace, search, budget, seed, hypotheses, slopes, shape
-    )
-
-
-@interruptible()
-@on_one_thread
-def most_informative(
-    estimate, workspace, search, budget, seed, hypotheses=3, slopes="motion",
-    shape=None, prior_only=False,
-) -> Choice:  # fmt: skip
-    """Return the action of largest expected gain; arguments as of `choose_action`.
-
-    prior_only: the gain is not given the measurements so far (D-optimal).
-    """
+    check_types(prior_only=(prior_only, bool))
     began = time.process_time()
     expected = ExpectedInformation(estimate, workspace, hypotheses, slopes, shape)
     if prior_only:

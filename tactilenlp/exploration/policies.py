@@ -15,7 +15,7 @@ from ..data.contact_segments import lasting_contacts
 from ..data.ground import frame_of
 from ..interface.result import Estimate
 from ..problem.pages import shape_of
-from .action_search import most_informative
+from .action_search import choose_action
 from .action_space import Action, Workspace
 from .optimisers import CrossEntropy
 from .push_model import check_predictable
@@ -98,9 +98,10 @@ def next_action(estimate, space, past, rng, settings, shapes):
         check_types(**{f"the action that {name} returns": (action, Action)})
         return action, None, name, target
     if policy in PREDICTIVE:
-        choice = most_informative(
-            estimate, space, plan.search, plan.budget, int(rng.integers(2**31)),
-            prior_only=policy == "fisher", shape=plan.shape,
+        choice = choose_action(
+            estimate, space, search=plan.search, budget=plan.budget,
+            seed=int(rng.integers(2**31)), shape=plan.shape,
+            prior_only=policy == "fisher",
         )  # fmt: skip
         return choice.action, choice, policy, target
     if policy == "random":

@@ -15,7 +15,7 @@ Edges are assumed to be sharp.  With a radius r, common to all of them, what a f
 radius rho feels is the body `shape.rounded(theta, r)`, grown by r: the touch cost of
 that theta and of rho + r; r >= 0.  Touches of both edges and faces of a side tell
 whether edges are sharp.  In the same way touches, and normals alone, are taken as of
-their instant, or of a latency that was estimated before (newton_steps.py); r is
+their instant, or of a latency that was estimated before (sensor_lags.py); r is
 a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
 velocities.  The radius of a finger is mostly as it was told, o = 50; sigma allows for
 another one where no body fits the touches of this finger and of the others as well.  An

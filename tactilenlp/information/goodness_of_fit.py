@@ -40,9 +40,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 from scipy.special import polygamma, psi
 
+from formulations import sensing
 from formulations.between_actions import CAUCHY, GAP
 from formulations.names import FREE_TERM, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
@@ -260,12 +262,13 @@ def touch_moments(problem, data, window, smoothing: float):
     z, weight_z = np.polynomial.hermite_e.hermegauss(NODES)
     e, weight_e = np.polynomial.laguerre.laggauss(NODES)
     weight = weight_z[:, None] * weight_e / weight_z.sum()
-    of_gap = 4 * (np.sqrt(1 + (gap[:, None] * z / 2) ** 2) - 1)
+    weight = weight.ravel()
+    of_gap = np.asarray(sensing.touch(ca.DM(gap[:, None] * z), 1.0))
     cost = of_gap[:, :, None] + (normal**2)[:, None, None] * e
-    most = window.outlier_cost  # sensing.mixture of the costs
-    cost = most - np.logaddexp(0, most - cost) + np.logaddexp(0, -most)
-    mean = (cost * weight).sum(axis=(1, 2))
-    variance = (cost**2 * weight).sum(axis=(1, 2)) - mean**2
+    most = window.outlier_cost
+    cost = np.asarray(sensing.mixture(ca.DM(cost.reshape(-1, len(weight))), most))
+    mean = cost @ weight
+    variance = cost**2 @ weight - mean**2
     lone = lone_touches(window.touch) & (smoothing < 1)
     return np.where(lone, most, mean), np.where(lone, 1.0, variance)
 
@@ -278,7 +281,7 @@ def free_moments(gaps) -> tuple[np.ndarray, np.ndarray]:
     low, high = gaps[(gaps[:, 0] < CLEAR)].T
     node, weight = np.polynomial.legendre.leggauss(NODES)
     at = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * node
-    cost, weight = np.log1p(np.exp(-at)), weight / 2
+    cost, weight = np.asarray(sensing.free(ca.DM(at), 1.0)), weight / 2
     mean = cost @ weight
     return mean, cost**2 @ weight - mean**2
 

@@ -127,10 +127,9 @@ def checked_request(scene, shape, formulation, options, executor) -> tuple:
 def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     """Return what a solve needs: data in the ground's frame, noisy paths smoothed.
 
-    What pages, search and information call the world w is from here on the frame g of
-    the ground (data/ground.py), in which the ground is z = 0; without a ground, the
-    world.  Poses, impulses and finger offsets are turned back in interface/readout.py,
-    covariances by R_wg in information (tangent_space.py, trajectory.py).
+    That frame is the world w of pages, search and information.  Poses, impulses and
+    finger offsets are turned back in interface/readout.py, covariances by R_wg in
+    information (tangent_space.py, trajectory.py).
 
     began [s] of time.monotonic(); functions: FunctionsByPage to share, by default new.
     """

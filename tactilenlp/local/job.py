@@ -6,15 +6,23 @@ from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from formulations.implicit import noting_roots
 from formulations.page_contract import PageContract, contract_of
+from formulations.sensing import heavy_tailed
 from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..data.contact_segments import samples_until
 from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..data.sensor_noise import Precision, latency_cost, with_sensors_earlier
+from ..data.sensor_noise import (
+    LAGS_AND_ERRORS,
+    Precision,
+    latency_cost,
+    with_sensors_earlier,
+)
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
 from ..problem.reductions import Reductions, window_of_samples
@@ -96,13 +104,23 @@ class Job:
         recorded = None if self.recorded is None else change(self.recorded)
         return replace(self, data=change(self.data), recorded=recorded)
 
-    def as_late_as(self, sensors) -> Job:
-        """Return the job with the latencies of a Precision.
+    def as_found(self, other: Job) -> Job:
+        """Return the job on the ground, and with the lags, of another one."""
+        return self.on_ground(other.scene.ground).as_late_as(other.precision)
 
-        Fingers, and normals, are earlier by them.
-        """
-        names = "latency", "latency_error", "normal_lag"
-        late = {name: getattr(sensors, name) for name in names}
+    def on_ground(self, ground) -> Job:
+        """Return the job with its data in the frame of another Ground."""
+        old = self.scene.ground
+        if ground is old:
+            return self
+        R = ground.rotation @ old.rotation.T
+        t = ground.rotation @ old.origin + ground.translation
+        job = self.of_data(lambda data: data.transformed(R, t))
+        return replace(job, scene=replace(self.scene, ground=ground))
+
+    def as_late_as(self, sensors: Precision) -> Job:
+        """Return the job with the lags of other sensors, its data earlier by these."""
+        late = {name: getattr(sensors, name) for name in LAGS_AND_ERRORS}
         recorded = self.data if self.recorded is None else self.recorded
         data = with_sensors_earlier(recorded, sensors)
         recorded = None if data is recorded else recorded
@@ -111,8 +129,8 @@ class Job:
 
     @property
     def prior_cost(self) -> float:
-        """The priors of what was estimated before a solve: tilt, latency [nats]."""
-        return self.scene.tilt_cost + latency_cost(self.scene, self.precision)
+        """The priors of what was estimated before a solve: tilt, lags [nats]."""
+        return prior_cost_of(self.scene, self.precision)
 
     def window_until(self, samples: int) -> Window:
         """Return the window of the first samples' actions, no rest interval cut."""
@@ -142,3 +160,15 @@ class Job:
         )  # fmt: skip
         (fill or self.page.build)(problem, window, scene, window.shape)
         return problem
+
+
+def prior_cost_of(scene: Scene, sensors: Precision) -> float:
+    """Return the priors of a tilt of the ground and of lags that were estimated [nats].
+
+    The tilt is against the ground that was told.
+    """
+    late = latency_cost(scene, sensors)
+    if scene.ground is None or scene.ground.told is None or scene.sigma_tilt == 0:
+        return late
+    tilt = np.sum((scene.ground.tilt / scene.sigma_tilt) ** 2)
+    return late + float(heavy_tailed(tilt, 2))

@@ -13,6 +13,7 @@ from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
+from ..information.linearisation import Linearisation
 from ..information.mixture import LocalOptimum, occam_of_hull, optimum_of
 from ..information.tangent_space import (
     TangentSpace,
@@ -177,6 +178,11 @@ class Solved:
         """The KKT system at the solution, factorised once for all that ask for it."""
         return kkt_system_of(self.problem, self.solution)
 
+    @property
+    def linearised(self) -> Linearisation:
+        """The solution to first order."""
+        return Linearisation(self.kkt, self.job, self.window)
+
     @cached_property
     def tangent(self) -> TangentSpace:
         """The coordinates of the shape and, unless it is held, of its final pose."""
@@ -195,6 +201,12 @@ class Solved:
 def best_first(solved) -> list[Solved]:
     """Return solves, the best first; what failed comes last."""
     return sorted(solved, key=lambda s: s.rank)
+
+
+def close_to_best(solves) -> list[Solved]:
+    """Return the solves that converged close to the first one, the best, without it."""
+    limit = solves[0].cost + DECISIVE
+    return [s for s in solves[1:] if s.solution.success and s.cost < limit]
 
 
 @dataclass(eq=False)

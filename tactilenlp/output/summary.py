@@ -84,7 +84,8 @@ def nuisances_in_words(estimate) -> Iterator[str]:
             "positions: poses are moved on by that time."
         )
     if lag := estimate.sensors.normal_lag:
-        late = f"{MS_PER_S * lag:.0f} ms"
+        error = MS_PER_S * estimate.sensors.normal_lag_error
+        late = f"{MS_PER_S * lag:.0f} ± {error:.0f} ms"
         yield f"Normals are {late} later than contacts: they are moved back by that."
     if estimate.compliance is not None:
         yield _compliance(estimate)
@@ -211,8 +212,8 @@ def doubts_in_words(estimate) -> list[str]:
     What was estimated, as latencies, has sentences of its own.
     """
     lines, radii, considered = [], [], estimate.information.considered
-    told = [(n, *v) for n, (*v, p) in considered.items() if p > WORTH_TELLING]
-    for name, off, sigma in told:
+    told = {n: c for n, c in considered.items() if c.probability > WORTH_TELLING}
+    for name, (off, sigma, _) in told.items():
         size, error = MM_PER_M * abs(off), MM_PER_M * sigma
         if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")

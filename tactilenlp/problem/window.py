@@ -1,7 +1,9 @@
 """Define the window, the data as a page reads them: plain arrays and index lists.
 
 Every list may be empty; a term over an empty list costs nothing.  `pose` indexes the
-pose unknowns x: all samples of a still span share one.
+pose unknowns x: all samples of a still span share one.  What pages call the world w is
+the frame g of the ground (data/ground.py), in which the ground is z = 0; without a
+ground, the world.
 """
 
 from __future__ import annotations

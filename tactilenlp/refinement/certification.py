@@ -20,14 +20,14 @@ from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
-from .newton_steps import with_ground_tilt
+from .ground_tilt import with_ground_tilt
 from .profile_deviation import VAGUE_SHARE
 from .profile_likelihood import (
     PROFILE_MU,
     profile_deviations,
     untouched_height_sigma,
 )
-from .tilt import explains_touches, may_tilt, with_tilt
+from .rocking_body import explains_touches, may_tilt, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored

@@ -16,7 +16,6 @@ from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.validation import check_types
-from ..data.sensor_noise import latency_cost
 from ..errors import OptionError, PageError, StartError, TactileError
 from ..information.error_budget import PRIORS
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
@@ -31,6 +30,7 @@ from ..information.mixture import (
 from ..information.tangent_space import widest_deviations
 from ..interface.options import Guess
 from ..interface.result import Estimate
+from ..local.job import prior_cost_of
 from ..local.margins import DECISIVE, LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
 from ..problem.pages import shape_of
@@ -160,8 +160,7 @@ def evidence_of(estimate, shape) -> float:
         return -np.inf
     information, k = estimate.information, len(estimate.information.names)
     covariance = information.of_hessian().covariance_matrix
-    late = latency_cost(estimate.scene, estimate.sensors)
-    cost = estimate.objective + estimate.scene.tilt_cost + late
+    cost = estimate.objective + prior_cost_of(estimate.scene, estimate.sensors)
     if shape.of_vertices:
         roles = {*information.roles.values()}.intersection(PRIORS)
         held = sum(information.part(role) for role in sorted(roles))

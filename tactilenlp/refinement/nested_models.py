@@ -4,10 +4,11 @@ By default sensors are aligned, fingertips are rigid, the centre of mass is the
 centroid, and a body on the ground slides flat.  Where touches cost more than the noise
 explains, the page is solved again with one of these given up, then the next: turns of
 the normals, compliance or centre of mass as unknowns; last of all the body may tilt
-(tilt.py).  The larger model is kept where it lowers the objective by more than its
-Laplace evidence loses (Occam's factor: the log of prior over posterior deviations of
-what was freed) and the spread of the likelihood (`needed_gain`).  Of tilt that factor
-is not computed.  What was freed before a tilt is fixed again where that costs less.
+(rocking_body.py).  The larger model is kept where it lowers the objective by more than
+its Laplace evidence loses (Occam's factor: the log of prior over posterior deviations
+of what was freed) and the spread of the likelihood (`needed_gain`).  Of tilt that
+factor is not computed.  What was freed before a tilt is fixed again where that costs
+less.
 """
 
 from __future__ import annotations
