@@ -53,8 +53,7 @@ KINK_SPAN, KINK_TURN = 3, 0.1
 LEAST_ANGLE = 1e-6  # [-] of two kinks: sin^2 below which they are one
 # Probability of the samples by which a path bends later than its touch is reported: a
 # soft contact or a light body slows the finger only gradually.
-KINK_LAG = {-2: 0.05, -1: 0.45, 0: 0.25, 1: 0.1, 2: 0.04, 3: 0.02, 4: 0.02, 5: 0.01}
-KINK_LAG |= {6: 0.01}
+KINK_LAG = dict(enumerate((0.05, 0.45, 0.25, 0.1, 0.04, 0.02, 0.02, 0.01, 0.01), -2))
 
 
 def log_likelihood(record: Record, terms: Sequence[str] | None = None) -> dict:
@@ -133,12 +132,20 @@ def onsets(record: Record) -> float:
 
 
 def onsets_at_rest(record: Record) -> float:
-    """A touch begins only where the finger, or others with the body, move."""
-    t, f = record.events.onset
-    way = record.position[t, f] - record.place(t, f, -ONSET_STEPS)
-    limit = 2 * (record.sigma_position + EXACT_POSITION)
-    rest = np.linalg.norm(way, axis=1) < limit
-    return np.log(AT_REST) * (rest & ~_others_touch(record, t, f)).sum()
+    """A touch begins only where the finger, or others with the body, move.
+
+    The way before it is Gaussian noise at rest, uniform in a ball, as large as a usual
+    way, in motion.
+    """
+    t, f = np.array(record.events.onset)[
+        :, ~_others_touch(record, *record.events.onset)
+    ]
+    way, noise = record.way_before(t, f, ONSET_STEPS)
+    sigma = np.hypot(noise, EXACT_POSITION)
+    at_rest = np.exp(-0.5 * (way / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma) ** 3
+    usual = np.hypot(record.usual_way(ONSET_STEPS), sigma)
+    rest = at_rest / (at_rest + 3 / (4 * np.pi * usual**3))
+    return np.log1p((AT_REST - 1) * rest).sum()
 
 
 def releases(record: Record) -> float:

@@ -13,6 +13,7 @@ from itertools import permutations
 import numpy as np
 
 LASTING = 2  # samples on each side of an event
+AVERAGED = 3  # samples at either end of a way of which only the length counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,23 @@ class Record:
         """Return where finger f is so many samples after t, within the action."""
         first, last = self.bounds
         return self.position[np.clip(t + steps, first[t], last[t]), f]
+
+    def way_before(self, t, f, steps: int) -> tuple[np.ndarray, float]:
+        """Return how far (N,) [m] fingers f move in so many samples, and its sigma.
+
+        Between means of AVERAGED samples, which noise moves less.
+        """
+        around = np.arange(AVERAGED) - AVERAGED // 2
+        now = sum(self.place(t, f, k) for k in around)
+        before = sum(self.place(t, f, k - steps) for k in around)
+        way = np.linalg.norm(now - before, axis=1) / AVERAGED
+        return way, self.sigma_position * np.sqrt(2 / AVERAGED)
+
+    def usual_way(self, steps: int) -> float:
+        """Return how far fingers move in so many samples: the root mean square [m]."""
+        t = np.arange(len(self.position))
+        before = self.position[np.maximum(t - steps, self.bounds[0])]
+        return float(np.sqrt(((self.position - before) ** 2).sum(axis=2).mean()))
 
     def contact_point(self, t, f) -> np.ndarray:
         """Return the point of the body that finger f touches at sample t."""
