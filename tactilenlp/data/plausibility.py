@@ -134,12 +134,10 @@ def onsets(record: Record) -> float:
 def onsets_at_rest(record: Record) -> float:
     """A touch begins only where the finger, or others with the body, move.
 
-    The way before it is Gaussian noise at rest, uniform in a ball, as large as a usual
-    way, in motion.
+    At rest the way before it is noise; in motion uniform, in a ball of a usual way.
     """
-    t, f = np.array(record.events.onset)[
-        :, ~_others_touch(record, *record.events.onset)
-    ]
+    onset = np.array(record.events.onset)
+    t, f = onset[:, ~_others_touch(record, *onset)]
     way, noise = record.way_before(t, f, ONSET_STEPS)
     sigma = np.hypot(noise, EXACT_POSITION)
     at_rest = np.exp(-0.5 * (way / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma) ** 3
