@@ -37,7 +37,7 @@ turn = [np.cos(0.3), 0, 0, np.sin(0.3)]  # 0.6 rad about the vertical
 robot = SimulatedRobot(rig, SIDES, quaternion=turn, mass=0.5, zero_error=WRONG)
 
 joints = joints_about([finger.geometry for finger in rig.fingers], WHERE)
-scene = Scene(sigma_normal=0.03, sigma_offset=JointZeros(DEGREE, **joints))
+scene = Scene(sigma_normal=0.01, sigma_offset=JointZeros(DEGREE, **joints))
 options = {"clock": robot, "reader": robot.reader, "listen_only": False}
 with robot, Bench(rig, **options) as bench, RobotWorld(bench) as world:
     radius = float(world.finger_radius[0])

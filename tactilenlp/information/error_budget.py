@@ -15,6 +15,7 @@ Of sensing:
     sensor noise            of measured positions and normals
     touches off the model   gaps and normals of touches that no body explains
     rounded edges           edges are taken as sharp
+    soft fingertips         fingertips are taken as rigid
     late normals            normals are taken as of the instant of contacts
     late touches            touches are taken as of the instant of positions
     radii of fingers        radii may be told wrong
@@ -60,6 +61,7 @@ from formulations.names import (
     LATE_TOUCHES,
     RADIUS_OF,
     ROUNDED_EDGES,
+    SOFT_FINGERTIPS,
     TOUCH_TERM,
 )
 
@@ -93,7 +95,7 @@ def errors_of_sensing(response: Response) -> Iterator[tuple[str, np.ndarray]]:
         off = model_error(kkt, *by_touches, job, linearisation.window)
         yield "touches off the model", off
     given = linearisation.consider_parameters
-    for name in (ROUNDED_EDGES, LATE_NORMALS, LATE_TOUCHES):
+    for name in (ROUNDED_EDGES, SOFT_FINGERTIPS, LATE_NORMALS, LATE_TOUCHES):
         if name in given:
             velocities = response.motions[:1].T if name == LATE_TOUCHES else 0.0
             yield name, given[name].covariance(by_gradient, velocities)
