@@ -7,8 +7,8 @@ import pytest
 from programmes import moved_by
 
 from tactilenlp.data.sensor_noise import LATENCY
-from tactilenlp.information.consider_parameters import fingers_earlier
 from tactilenlp.information.linearisation import Linearisation
+from tactilenlp.information.measurement_noise import fingers_earlier
 from tactilenlp.nlp.kkt import kkt_system_of
 
 LATE = 1e-4  # [s]

@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 
 LASTING = 2  # samples on each side of an event
-AVERAGED = 3  # samples at either end of a way of which only the length counts
+MEAN_OF = 3  # samples whose mean is either end of a way, where its length counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +88,13 @@ class Record:
     def way_before(self, t, f, steps: int) -> tuple[np.ndarray, float]:
         """Return how far (N,) [m] fingers f move in so many samples, and its sigma.
 
-        Between means of AVERAGED samples, which noise moves less.
+        Between means of a few samples, which noise moves less.
         """
-        around = np.arange(AVERAGED) - AVERAGED // 2
+        around = np.arange(MEAN_OF) - MEAN_OF // 2
         now = sum(self.place(t, f, k) for k in around)
         before = sum(self.place(t, f, k - steps) for k in around)
-        way = np.linalg.norm(now - before, axis=1) / AVERAGED
-        return way, self.sigma_position * np.sqrt(2 / AVERAGED)
+        way = np.linalg.norm(now - before, axis=1) / MEAN_OF
+        return way, self.sigma_position * np.sqrt(2 / MEAN_OF)
 
     def usual_way(self, steps: int) -> float:
         """Return how far fingers move in so many samples: the root mean square [m]."""

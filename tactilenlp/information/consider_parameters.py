@@ -11,19 +11,14 @@ is a spike and slab, exactly zero with odds o : 1, else Gaussian, so that
 
     E[r r'] = (I^{-1} + m m') / (1 + o deviation^d sqrt(det I) exp(-m' I m / 2)).
 
-Edges are assumed to be sharp.  With a radius r, common to all of them, what a finger of
-radius rho feels is the body `shape.rounded(theta, r)`, grown by r: the touch cost of
-that theta and of rho + r; r >= 0.  Touches of both edges and faces of a side tell
-whether edges are sharp.  In the same way touches, and normals alone, are taken as of
-their instant, or of a latency that was estimated before (sensor_lags.py); r is
-a lag of sensors.  Fingers r earlier give poses r earlier, which then move on with their
-velocities.  The radius of a finger is mostly as it was told, o = 50; sigma allows for
-another one where no body fits the touches of this finger and of the others as well.  An
-error of the radius that all fingers share is not observable.
-
-The ground is assumed to be level, or as it was told.  Its tilt r (2,) are rotations
-about its own horizontal axes: seen from a ground that is turned by r, positions and
-normals of the touches turn by -r.  All others have one component.
+Of sharp edges rounded by r >= 0 a finger of radius rho feels `shape.rounded(theta, r)`,
+grown by r: the touch cost of that theta and of rho + r.  Rigid fingertips that are soft
+sit r >= 0 deep: the mean of the depth that all touches share.  Touches, and normals
+alone, are r later than taken (sensor_lags.py); fingers r earlier give poses r earlier,
+which then move on with their velocities.  The radius of a finger is mostly as it was
+told, o = 50; an error that all fingers share is not observable.  The tilt r (2,) of the
+ground are rotations about its horizontal axes: seen from a ground that is turned by r,
+positions and normals of touches turn by -r.
 """
 
 from __future__ import annotations
@@ -46,10 +41,9 @@ from formulations.names import (
     TOUCH_TERM,
 )
 
-from ..data.contact_segments import rate_of
 from ..data.sensor_noise import AVERAGED, CONTACT_LATENCY, LATENCY, normal_rates
 from ..nlp.kkt import gradient
-from .measurement_noise import at_touches
+from .measurement_noise import at_touches, fingers_earlier
 
 if TYPE_CHECKING:
     from .linearisation import Linearisation
@@ -135,26 +129,21 @@ class ConsiderParameter:
 
 def scalars_of(linearisation: Linearisation) -> dict[str, ConsiderParameter]:
     """Return all of one component, by name; none without touches."""
-    if TOUCH_TERM not in linearisation.kkt.problem.costs:
+    problem, window = linearisation.kkt.problem, linearisation.window
+    if TOUCH_TERM not in problem.costs:
         return {}
     found = {
         LATE_NORMALS: late_normals(linearisation),
         LATE_TOUCHES: late_touches(linearisation),
     }
-    if linearisation.window.shape.rounded is not None:
+    if window.shape.rounded is not None:
         found[ROUNDED_EDGES] = rounded_edges(linearisation)
-    if rigid_unless_told(linearisation):
+    rigid = linearisation.job.scene.compliance is None and not window.compliant
+    if rigid and DEPTH_OF_TOUCH in problem.variables:
         found[SOFT_FINGERTIPS] = soft_fingertips(linearisation)
-    for f in np.unique(linearisation.window.touch.finger).tolist():
+    for f in np.unique(window.touch.finger).tolist():
         found[f"{RADIUS_OF}{f}"] = told_radius(linearisation, f)
     return found
-
-
-def rigid_unless_told(linearisation: Linearisation) -> bool:
-    """Tell whether fingertips are rigid by assumption: neither told nor estimated."""
-    unknown = DEPTH_OF_TOUCH in linearisation.kkt.problem.variables
-    told = linearisation.job.scene.compliance is not None
-    return unknown and not told and not linearisation.window.compliant
 
 
 def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
@@ -231,10 +220,7 @@ def told_radius(linearisation: Linearisation, finger: int) -> ConsiderParameter:
 
 
 def soft_fingertips(linearisation: Linearisation) -> ConsiderParameter:
-    """Return what is known of how deep fingertips sit that the page takes as rigid.
-
-    The depth d of all touches, whose prior has a small deviation, has the mean r.
-    """
+    """Return what is known of the mean of the depth that all touches share."""
     kkt = linearisation.kkt
     variable, of_depth = kkt.problem.variables[DEPTH_OF_TOUCH], 1 / DEPTH**2
     slope = np.zeros(kkt.problem.size)
@@ -266,22 +252,6 @@ def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
     turned = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
     prior = Prior(job.scene.sigma_tilt, -turned, -np.inf, odds=ground.told is None)
     return _by_derivatives(kkt, slope, pull, bend, prior)
-
-
-def fingers_earlier(window, data, lag: float):
-    """Return the window with all fingers where they were a lag [s] earlier.
-
-    Ways within a sample stay: with slopes of slips by accelerations, which change where
-    a finger sticks or slides, Newton steps on the latency end too early (21 of 33 ms).
-    """
-    rate = rate_of(data, data.finger_position)
-
-    def earlier(rows, p_wf):
-        p_wf = p_wf.copy()
-        p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
-        return p_wf
-
-    return window.with_fingers(earlier)
 
 
 def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
