@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from programmes import moved_by
 
-from formulations.names import LATE_TOUCHES, RADIUS_OF
+from formulations.names import LATE_TOUCHES, RADIUS_OF, SOFT_FINGERTIPS
 from tactilenlp import (
     Measurements,
     Scene,
@@ -92,14 +92,20 @@ def test_the_summary_tells_what_is_not_as_it_was_taken():
         "rounded edges": (1.2e-3, 1e-4, 0.95), "late touches": (5e-3, 1e-3, 0.99),
         "late normals": (12e-3, 2e-3, 0.99), f"{RADIUS_OF}0": (2e-4, 5e-5, 0.95),
         f"{RADIUS_OF}1": (-3e-4, 5e-5, 0.96), f"{RADIUS_OF}2": (9e-4, 5e-5, 0.8),
+        SOFT_FINGERTIPS: (4e-4, 1e-4, 0.97),
     }  # fmt: skip
     considered = {name: Considered(*value) for name, value in considered.items()}
     told = SimpleNamespace(considered=considered)
     estimate = SimpleNamespace(information=told, sensors=Precision(0.0, 0.0))
-    edges, late, radii = doubts_in_words(estimate)
+    edges, late, soft, radii = doubts_in_words(estimate)
     assert edges.startswith("The edges are rounded by 1.2 ± 0.1 mm.")
     assert late.startswith("Normals are 12 ± 2 ms later than contacts.")
     assert "finger 0 is 0.20 ± 0.05 mm larger or the radius of finger 1" in radii
     assert "finger 2" not in radii
     estimate.sensors = Precision(0.0, 0.0, normal_lag=12e-3)
-    assert doubts_in_words(estimate) == [edges, radii]  # it has a sentence of its own
+    assert soft.startswith("Fingertips sit 0.4 ± 0.1 mm in the surface.")
+    assert doubts_in_words(estimate) == [
+        edges,
+        soft,
+        radii,
+    ]  # it has a sentence of its own

@@ -47,7 +47,7 @@ class Request:
     data: the measurements as given; job: the same in the ground's frame and smoothed,
     with all that a solve needs; start: an Estimate, a Guess or None; executor: of
     concurrent.futures, or None; axes: see kept_axes, also where the start itself is
-    given up.
+    given up; doubtful: whether an earlier search may have lost the trajectory.
     """
 
     data: Measurements
@@ -55,6 +55,7 @@ class Request:
     start: Estimate | Guess | None = None
     executor: object = None
     axes: tuple | None = None
+    doubtful: bool = False
 
     def job_until(self, share: float, strict: bool = True) -> Job:
         """Return the job with an earlier deadline, at which a solve ends.
@@ -69,7 +70,8 @@ class Request:
     @property
     def widths(self) -> tuple[int, int]:
         """How many hypotheses are kept, and starts solved, after an action."""
-        return self.job.options.widths(precise(self.job.data, self.job.precision))
+        job = self.job
+        return job.options.widths(precise(job.data, job.precision), self.doubtful)
 
 
 def read_request(

@@ -7,7 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from formulations.centre_of_mass import NAME as CENTRE
-from formulations.names import LATE_NORMALS, RADIUS_OF, ROUNDED_EDGES
+from formulations.names import (
+    LATE_NORMALS,
+    RADIUS_OF,
+    ROUNDED_EDGES,
+    SOFT_FINGERTIPS,
+)
 from formulations.rigid_body import G
 from formulations.shape import CUBOID
 
@@ -217,6 +222,8 @@ def doubts_in_words(estimate) -> list[str]:
         size, error = MM_PER_M * abs(off), MM_PER_M * sigma
         if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")
+        elif name == SOFT_FINGERTIPS:
+            lines.append(f"Fingertips sit {size:.1f} ± {error:.1f} mm in the surface.")
         elif name == LATE_NORMALS and not estimate.sensors.normal_lag:
             late = f"{MS_PER_S * abs(off):.0f} ± {MS_PER_S * sigma:.0f} ms"
             lines.append(f"Normals are {late} later than contacts.")
