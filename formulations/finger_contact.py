@@ -15,8 +15,8 @@ delta (indentation.py)
     unseen    kappa lam_n max(phi + delta, 0) / (w mm) + touch(min(phi + delta, 0))
     lasting   |lam_n' / w' - lam_n / w| / CHANGE        from one sample ' to the next
 
-A finger that feels nothing has the second cost in place of the first; the rounding of
-its friction cone neither costs nor earns anything, since all its impulses cost.
+The rounding of the friction cone of a finger that feels nothing neither costs nor earns
+anything, since all its impulses cost.
 """
 
 from __future__ import annotations

@@ -209,7 +209,7 @@ def test_options_that_make_no_sense_are_refused(wrong):
 
 @pytest.mark.parametrize("diverged", [False, True])
 def test_where_no_step_is_accepted_a_second_run_starts(monkeypatch, diverged):
-    """From there, which took IPOPT 1500 iterations once, or as the first one did."""
+    """From the last point, or from the original start if the first run diverged."""
     problem, searched = cone([1.0, 3.0, 4.0]), Filter.first_accepted
     whole, filters, begun = solve(problem, TIGHT), [], []
 

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from tactilenlp import Estimate, solve_estimate
 from tactilenlp.data.contact_segments import consecutive_contacts
 from tactilenlp.data.sensor_noise import (
-    AVERAGED,
+    NORMAL_LAG,
     Precision,
     latency_cost,
     normal_rates,
@@ -66,7 +68,7 @@ def test_noise_is_not_averaged_by_a_lag(turning):
 
 def test_a_lag_costs_its_prior_unless_latency_was_told(recorded):
     _, scene, _ = recorded
-    late = Precision(0.0, 0.0, normal_lag=AVERAGED)
+    late = Precision(0.0, 0.0, normal_lag=NORMAL_LAG)
     assert latency_cost(scene, late) == pytest.approx(0.5)
     assert latency_cost(replace(scene, latency=0.0), late) == 0.0
 
@@ -81,3 +83,29 @@ def test_a_job_goes_back_to_what_was_recorded(recorded):
     assert prompt.recorded is None
     assert np.array_equal(prompt.data.normal, job.data.normal)
     assert np.array_equal(prompt.data.finger_position, job.data.finger_position)
+
+
+@pytest.mark.slow
+def test_late_normals_are_estimated_and_moved_back(recorded, tmp_path):
+    data, scene, _ = recorded
+    true = 20e-3
+    late = with_normals_earlier(data, -true)
+    prompt, found = solve_estimate(data, scene), solve_estimate(late, scene)
+    lag, error = found.sensors.normal_lag, found.sensors.normal_lag_error
+    assert prompt.sensors.normal_lag == 0
+    assert abs(lag - true) < 3 * error
+    assert 1e-3 < error < NORMAL_LAG
+    assert (
+        f"Normals are {1e3 * lag:.0f} ± {1e3 * error:.0f} ms later" in found.summary()
+    )
+    assert found.side_lengths == pytest.approx(prompt.side_lengths, abs=0.2e-3)
+    # Contacts are those of the solve: their normals are not the late ones.
+    _, seen = found.contacts()
+    R_wo = Rotation.from_quat(found.quaternion, scalar_first=True).as_matrix()
+    of_body = np.einsum("tij,tfi->tfj", R_wo, found.measurements.normal)[late.contact]
+    assert np.abs(seen[late.contact] - of_body).max() > 0.01
+    found.save(tmp_path / "late.npz")
+    again = Estimate.load(tmp_path / "late.npz")
+    assert again.sensors == found.sensors
+    request, _ = read_request(late, scene, "cuboid", start=again)
+    assert request.job.precision.normal_lag == lag

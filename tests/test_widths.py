@@ -17,7 +17,7 @@ def test_a_doubtful_trajectory_of_noisy_sensors_is_searched_more_widely():
 
 
 @pytest.mark.parametrize("shape", ["cuboid", "polytope"])
-def test_only_the_search_action_by_action_takes_a_trajectory_as_doubtful(
+def test_only_the_search_action_by_action_of_sizes_is_a_wider_one(
     recorded, shape, monkeypatch
 ):
     data, scene, _ = recorded

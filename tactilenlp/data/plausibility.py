@@ -134,7 +134,7 @@ def onsets(record: Record) -> float:
 def onsets_at_rest(record: Record) -> float:
     """A touch begins only where the finger, or others with the body, move.
 
-    At rest the way before it is noise; in motion uniform, in a ball of a usual way.
+    The displacement before it is noise at rest, else uniform in a ball of rms radius.
     """
     onset = np.array(record.events.onset)
     t, f = onset[:, ~_others_touch(record, *onset)]

@@ -56,7 +56,8 @@ class Scene:
     sigma_tilt:      [rad], standard deviation of a rotation of the true ground against
                      `ground`, about each horizontal axis; 0: `ground` is exact
     latency:         [s], by which contacts and normals are reported later than finger
-                     positions; None: 0 unless the measurements say otherwise
+                     positions, normals no later than contacts; None: 0, for both,
+                     unless the measurements say otherwise
 
     The default mass and frictions are those of the recorded scenes.  Sensor
     figures that are None are estimated from the data, except sigma_offset.

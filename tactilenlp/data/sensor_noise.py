@@ -23,7 +23,7 @@ LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
 CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
 LATENCY = 20e-3  # [s] deviation of the latency: tactile cameras are up to 40 ms late
-AVERAGED = 10e-3  # [s] deviation of the lag of normals alone: means of up to 20 ms
+NORMAL_LAG = 10e-3  # [s] deviation of the lag of normals alone: means of up to 20 ms
 SAME_NORMAL = 1e-9  # [-] by which two readings of one number may differ
 NORMAL_MEDIAN = 0.6745  # median of |z| for a standard normal z
 RAYLEIGH_MEDIAN = 1.1774  # median length of a standard normal vector in the plane
@@ -195,8 +195,8 @@ def late_gap(data: Measurements) -> np.ndarray:
     finger that feels nothing at the next sample may have parted before this one.
     """
     p, felt = data.finger_position, data.contact
-    goes_on = (data.action[1:] == data.action[:-1])[:, None]
-    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & goes_on
+    no_pair = (data.action[1:] == data.action[:-1])[:, None]
+    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & no_pair
     share = np.minimum(1.0, CONTACT_LATENCY / np.diff(data.time))[:, None]
     way = share * np.linalg.norm(np.diff(p, axis=0), axis=2)
     return np.vstack([np.where(leaves, way, 0.0), np.zeros(felt.shape[1])])
@@ -217,16 +217,16 @@ def normal_rates(data: Measurements) -> np.ndarray:
     """Return how fast felt normals (T, F, 3) change, per second.
 
     By central differences while contact lasts, which do not average a sample's own
-    noise, by that from the sample before where it ends.  Zero where contact begins: a
+    noise, by a backward difference where it ends.  Zero where contact begins: a
     sensor that averages has felt nothing earlier.
     """
     felt = consecutive_contacts(data)[..., None]
     step = np.where(felt, rate_of(data, data.normal)[1:], 0.0)
-    none, goes_on = np.zeros_like(step[:1]), np.zeros_like(felt[:1])
+    none, no_pair = np.zeros_like(step[:1]), np.zeros_like(felt[:1])
     behind, ahead = np.vstack([none, step]), np.vstack([step, none])
-    lasts = np.vstack([felt, goes_on])
+    lasts = np.vstack([felt, no_pair])
     rate = np.where(lasts, (behind + ahead) / 2, behind)
-    return np.where(np.vstack([goes_on, felt]), rate, 0.0)
+    return np.where(np.vstack([no_pair, felt]), rate, 0.0)
 
 
 def with_sensors_earlier(data: Measurements, sensors: Precision) -> Measurements:
@@ -296,5 +296,5 @@ def latency_cost(scene, precision: Precision) -> float:
     """
     if scene.latency is not None:
         return 0.0
-    late, lag = precision.latency / LATENCY, precision.normal_lag / AVERAGED
+    late, lag = precision.latency / LATENCY, precision.normal_lag / NORMAL_LAG
     return (late**2 + lag**2) / 2

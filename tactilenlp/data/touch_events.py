@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 
 LASTING = 2  # samples on each side of an event
-MEAN_OF = 3  # samples whose mean is either end of a way, where its length counts
+MEAN_OF = 3  # samples that are averaged at each end of a displacement
 
 
 @dataclass(frozen=True, eq=False)

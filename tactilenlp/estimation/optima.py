@@ -2,16 +2,18 @@
 
 After the page is solved from the starts of a search, its model is revised step by step,
 each from the best solve of the step before.  The module of refinement/, where a step is
-tried, what it frees:
+tried, what it changes:
 
     sensor_lags           promised by a Newton step: latency, lag of normals
     ground_tilt           touches cost too much: the tilt of the ground
     nested_models         touches cost too much: turned sensors, compliance, centre
     ground_tilt           turns of sensors were freed: a tilt in their place
     incremental_polytope  an update of a polytope costs too much: another one
+    model_selection       always: the optimum of the largest evidence is the best
     axis_names            always: order and signs of a box's axes
     certification         a reduction does not hold: it is not made
-    rocking_body          touches cost too much: free motion, from tilts
+    rocking_body          touches cost too much: free motion, from tilts; then
+                          ground_tilt again
     certification         flat poses are contradicted: free motion, from tumbles
     profile_likelihood    a size was not touched: its sigma, or a better optimum
     certification         flat poses alone tell an untouched height: free motion
@@ -162,16 +164,16 @@ def _search_by_action(request: Request, found: Job) -> Optima | None:
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
-    predicted.  Of noisy sensors, twice as many hypotheses are kept and starts solved as
-    by the first search.  found: the job of a solve of all actions, whose ground and
-    latency it begins with.  None if time ends it.
+    predicted.  Of shapes with sizes and noisy sensors, twice as many hypotheses are
+    kept, and starts solved, as by the first search.  found: the job of a solve of all
+    actions, whose ground and latency it begins with.  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
-    doubtful = not request.job.shape.of_vertices
-    if not (doubtful or update or len(parts) > 1):
+    with_sizes = searches_rougher = not request.job.shape.of_vertices
+    if not (with_sizes or update or len(parts) > 1):
         return None  # it would be the same search
     log.info("the trajectory is doubtful: searching action by action")
-    request = replace(from_scratch(request), doubtful=doubtful)
+    request = replace(from_scratch(request), doubtful=with_sizes)
     kept, optima = [], None
     for job in parts:
         if not _in_time(request):
@@ -180,11 +182,11 @@ def _search_by_action(request: Request, found: Job) -> Optima | None:
         optima = _search_once(part, Incumbents(kept))
         if optima.best is None:
             return None
-        if doubtful and fits_badly(part, optima.best) and _in_time(request):
+        if searches_rougher and fits_badly(part, optima.best) and _in_time(request):
             rough = less_sure_of_pushes(part)
             other = _search_once(rough, Incumbents(kept))
-            doubtful = other.rank < optima.rank
-            optima = other if doubtful else optima
+            searches_rougher = other.rank < optima.rank
+            optima = other if searches_rougher else optima
         kept, found = optima.to_continue(request.widths[0]), optima.best.job
     return optima
 

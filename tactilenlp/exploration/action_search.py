@@ -76,9 +76,9 @@ def choose_action(
     CrossEntropy (the paper's: the action is drawn from the best of the last iteration).
     budget: evaluations of the gain (a CrossEntropy has its own).  Equal seeds give
     equal choices.  hypotheses, slopes, shape: see ExpectedInformation.  prior_only: the
-    gain is not given the measurements so far (D-optimal).  Lines of the action start
-    outside the estimated body: the workspace's radius is enlarged for that.  Raises
-    OptionError, SceneError.
+    gain over the prior, without the measurements so far (D-optimal design).  Lines of
+    the action start outside the estimated body: the workspace's radius is enlarged for
+    that.  Raises OptionError, SceneError.
     """
     check_types(prior_only=(prior_only, bool))
     began = time.process_time()

@@ -11,14 +11,13 @@ is a spike and slab, exactly zero with odds o : 1, else Gaussian, so that
 
     E[r r'] = (I^{-1} + m m') / (1 + o deviation^d sqrt(det I) exp(-m' I m / 2)).
 
-Of sharp edges rounded by r >= 0 a finger of radius rho feels `shape.rounded(theta, r)`,
-grown by r: the touch cost of that theta and of rho + r.  Rigid fingertips that are soft
-sit r >= 0 deep: the mean of the depth that all touches share.  Touches, and normals
-alone, are r later than taken (sensor_lags.py); fingers r earlier give poses r earlier,
-which then move on with their velocities.  The radius of a finger is mostly as it was
-told, o = 50; an error that all fingers share is not observable.  The tilt r (2,) of the
-ground are rotations about its horizontal axes: seen from a ground that is turned by r,
-positions and normals of touches turn by -r.
+    rounded edges     r >= 0: radius of edges; a finger of radius rho feels the body
+                      `shape.rounded(theta, r)` with rho + r
+    soft fingertips   r >= 0: mean of the depth that all touches share
+    late touches      r: further latency of contacts and normals; poses are r earlier
+    late normals      r: further lag of normals alone
+    radius            r: error of one finger's, o = 50; that of all is not observable
+    ground tilt       r (2,): rotation about the ground's horizontal axes
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from formulations.names import (
     TOUCH_TERM,
 )
 
-from ..data.sensor_noise import AVERAGED, CONTACT_LATENCY, LATENCY, normal_rates
+from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, NORMAL_LAG, normal_rates
 from ..nlp.kkt import gradient
 from .measurement_noise import at_touches, fingers_earlier
 
@@ -77,7 +76,8 @@ class Considered(NamedTuple):
     """What the touches tell of a quantity that the page takes as given.
 
     mean: where it is likeliest, against that; sigma: its standard deviation; both in
-    [m] of edges and radii, [s] of late sensors; probability [-] that it is not so.
+    [m] of edges, fingertips, radii, [s] of late sensors; probability [-] that it is not
+    so, 1 of a lag that was estimated: mean is what is left of it.
     """
 
     mean: float
@@ -174,9 +174,9 @@ def late_normals(linearisation: Linearisation) -> ConsiderParameter:
     Sensors average normals for longer than contacts: these may be in time.
     """
     window, job = linearisation.window, linearisation.job
-    touch, lag, prior = window.touch, job.precision.normal_lag, Prior(AVERAGED)
+    touch, lag, prior = window.touch, job.precision.normal_lag, Prior(NORMAL_LAG)
     if lag:
-        prior = Prior(AVERAGED, mean=-lag, least=-lag, odds=0.0)
+        prior = Prior(NORMAL_LAG, mean=-lag, least=-lag, odds=0.0)
     rate = normal_rates(job.data)[touch.sample, touch.finger]
     normal = touch.normal + LAG_STEP * rate
     ends = ends_of(linearisation, replace(window, touch=replace(touch, normal=normal)))

@@ -16,8 +16,8 @@ Of sensing:
     touches off the model   gaps and normals of touches that no body explains
     rounded edges           edges are taken as sharp
     soft fingertips         fingertips are taken as rigid
-    late normals            normals are taken as of the instant of contacts
-    late touches            touches are taken as of the instant of positions
+    late normals            error of the lag of normals, zero or estimated
+    late touches            error of the latency of touches, zero, told or estimated
     radii of fingers        radii may be told wrong
     tilt of the ground      and of a body that stands on an uneven one
 
@@ -32,8 +32,8 @@ Of priors and physics:
     uneven ground           corners off the plane of a hard ground
     negative curvature      directions along which the Hessian is negative
     stick or slip           fingers that may stick instead of slide
-    unseen motion           bodies that move on, or stop, unseen
-    prior of a hull         bodies are no balls
+    unseen motion           motion while no finger touches
+    prior of a hull         vertices are not distributed as the ball prior says
 
 Added to their sum:
 

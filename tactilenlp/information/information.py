@@ -25,12 +25,12 @@ LEAST_DEVIATION = 1e-6  # [m] deviation of what a bound holds: a vertex on the g
 class Information:
     """Information about the shape and the pose at the last sample.
 
-    names: (k,) of the independent unknowns
+    names: (k,) of the unknowns of `matrix`
     matrix: (k, k) information of these, SI
     covariance_matrix: (k, k) their covariance, SI
     parts: (k, k) of each term, by name: they add up to `matrix`
     roles: role of each term, by name
-    modes: other local optima, with weights
+    modes: local optima with weights, the reported one first
     maps: (3, k) Jacobian of each quantity that a user asks for, by name; rows of NaN
         where a reduction fixed it (`fixed`)
     unobserved: words for directions that only the prior determines
@@ -45,8 +45,8 @@ class Information:
         the tilt of the ground, in planar motion
     considered: what touches tell of quantities that the page fixes, by name
     budget: (n,) variances of `names`, then of the rows of `maps`, by each error alone,
-        by the names of error_budget.py: they add up to those of covariance_matrix; none
-        that are zero, and empty in older files
+        by the names of error_budget.py: they add up to those of covariance_matrix; zero
+        ones are left out, and all in older files
     """
 
     names: tuple[str, ...]

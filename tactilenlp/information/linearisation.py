@@ -62,8 +62,8 @@ class Linearisation:
     def motions(self) -> np.ndarray:
         """How poses move (unknowns, 3), zero for other unknowns.
 
-        Their velocities; by how far a body may be off that was let go in motion; and
-        how far poses are moved on for which late sensors have told nothing yet.
+        Columns: velocity; displacement of a body that was released in motion;
+        extrapolation over the latency of the last samples of actions.
         """
         kkt, window, latency = self.kkt, self.window, self.job.precision.latency
         pose, step = kkt.problem.variables["x"], window.step

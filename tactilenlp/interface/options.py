@@ -38,7 +38,8 @@ class Options:
     """How to estimate.
 
     hypotheses: [-], kept for an update; by default by the sensors' noise, as starts
-    starts: [-], of the page, per estimate (NOISY_WIDTHS, PRECISE_WIDTHS)
+    starts: [-], of the page, per estimate (NOISY_WIDTHS, PRECISE_WIDTHS; of a search
+        action by action DOUBTFUL_WIDTHS)
     tolerance: [-], of the optimality conditions of the last solve, scaled
     time_limit: [s], of all, compilation included, kept within 10 % or 1 s: actions not
         searched are extrapolated; the status says what was left out

@@ -18,10 +18,11 @@ from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
 from ..data.scene import Scene
 from ..data.sensor_noise import (
+    Precision,
     precise,
     precision_of,
     smooth_paths,
-    with_fingers_earlier,
+    with_sensors_earlier,
 )
 from ..errors import NoContactError, OptionError, SceneError, StartError
 from ..geometry.transforms import planar_matrix, rotation_of
@@ -47,7 +48,7 @@ class Request:
     data: the measurements as given; job: the same in the ground's frame and smoothed,
     with all that a solve needs; start: an Estimate, a Guess or None; executor: of
     concurrent.futures, or None; axes: see kept_axes, also where the start itself is
-    given up; doubtful: whether an earlier search may have lost the trajectory.
+    given up; doubtful: whether to search more widely.
     """
 
     data: Measurements
@@ -89,20 +90,19 @@ def read_request(
     scene, shape, options, page = checked_request(
         scene, shape, formulation, options, executor
     )
+    continued = scene.latency is None and isinstance(start, Estimate)
     if options.check_mistakes:
-        late = scene.latency
-        if late is None:
-            late = getattr(start, "latency", 0.0)  # of an estimate to continue
+        told = Precision(0.0, 0.0, latency=scene.latency or 0.0)
+        late = start.sensors if continued else told
         with checking.spending(CHECK_FOR_MISTAKES):
-            check_mistakes(with_fingers_earlier(data, late), scene)
+            check_mistakes(with_sensors_earlier(data, late), scene)
     scene.check(data)
     check_touched(data)
     functions = session.functions_for(start, scene, shape, page)
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
     job.deadline.spent.update(checking.spent)
-    if isinstance(start, Estimate) and scene.latency is None:
-        job = job.as_late_as(start.sensors)
+    job = job.as_late_as(start.sensors) if continued else job
     known = [] if start is None else hypotheses_to_continue(start, shape, scene, data)
     if not shape.of_vertices and isinstance(start, Estimate):
         # What another page found is no posterior of this one.

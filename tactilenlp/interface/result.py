@@ -25,7 +25,7 @@ from ..data.sensor_noise import (
     Precision,
     shift_in_time,
     shift_rotations,
-    with_fingers_earlier,
+    with_sensors_earlier,
 )
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, has_sides, is_hull, supporting_planes
@@ -166,14 +166,12 @@ class Estimate:
         return said + self.finger_offset
 
     def contacts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points [m] and normals of all contacts, (T, F, 3) each, body frame; else NaN.
-
-        What late sensors tell was so before the sample, by their latency.
-        """
+        """Points [m], normals of contacts when felt, (T, F, 3), body frame, or NaN."""
         data, late = self.measurements, self.latency
-        seen = replace(data, finger_position=self.seen_positions)
-        spheres = as_spheres(with_fingers_earlier(seen, late), self.scene)
-        n_w = np.where(data.contact[..., None], data.normal, np.nan)
+        moved = replace(data, finger_position=self.seen_positions)
+        seen = with_sensors_earlier(moved, self.sensors)
+        spheres = as_spheres(seen, self.scene)
+        n_w = np.where(data.contact[..., None], seen.normal, np.nan)
         p_w = spheres.finger_position - data.finger_radius[:, None] * n_w
         R_wo = rotation_of(shift_rotations(data, self.quaternion, -late)).as_matrix()
         arms = p_w - shift_in_time(data, self.position, -late)[:, None]

@@ -32,7 +32,7 @@ MAX_TILTS = 4  # Newton steps on the tilt of the ground
 def with_ground_tilt(solves) -> list[Solved]:
     """Return solves, best first, on the ground that the touches tell of.
 
-    Solves that are not close to the best are left out where the ground is turned.
+    If the ground is turned, solves far from the best are dropped.
     """
     level = best = solves[0]
     if not (ground_may_tilt(level.job) and best.solution.success):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..data.sensor_noise import AVERAGED, LATENCY
+from ..data.sensor_noise import LATENCY, NORMAL_LAG
 from ..information.consider_parameters import (
     ConsiderParameter,
     late_normals,
@@ -31,18 +31,19 @@ from .nested_models import misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 MAX_FAILED = 3  # steps on a lag in a row that gain nothing
-LONGEST_LAG = 2 * LATENCY  # [s] a Newton step has no end where curvature is low
+LARGEST_LAG_STEP = 2.0  # [prior deviations] a Newton step has no end at a low curvature
 
 
 class Lag(NamedTuple):
-    """How late sensors are: a field of Precision, its prior deviation [s].
+    """How late sensors are.
 
-    at(linearisation): what a solve tells of it besides.
+    field: of Precision; deviation: of its prior [s]; consider(linearisation): the
+    consider parameter of a further lag.
     """
 
     field: str
     deviation: float
-    at: Callable
+    consider: Callable
 
     def of(self, solved: Solved) -> float:
         """Return the lag that a solve was made with [s]."""
@@ -51,14 +52,14 @@ class Lag(NamedTuple):
 
 LAGS = {  # in the order in which they are estimated
     "sensors": Lag("latency", LATENCY, late_touches),
-    "normals": Lag("normal_lag", AVERAGED, late_normals),
+    "normals": Lag("normal_lag", NORMAL_LAG, late_normals),
 }
 
 
 def with_lags(solves) -> list[Solved]:
     """Return solves, best first, with the lags of sensors that the touches tell of.
 
-    Solves that are not close to the best are left out where they are others.
+    If a lag changes, solves far from the best are dropped.
     """
     for name, lag in LAGS.items():
         if may_be_late(solves[0].job) and solves[0].solution.success:
@@ -68,7 +69,7 @@ def with_lags(solves) -> list[Solved]:
 
 def _with_lag(name: str, lag: Lag, solves) -> list[Solved]:
     """Return solves with one lag, if the touches tell of it."""
-    prompt, known = solves[0], lag.at(solves[0].linearised)
+    prompt, known = solves[0], lag.consider(solves[0].linearised)
     needed = _needed_for_lag(lag, prompt, known)
     if max(misfit_of(prompt).excess, known.gain) < needed:
         return solves
@@ -122,14 +123,14 @@ def _lag_by_steps(
     one that gained nothing is halved: contacts that begin or end make the curvature too
     large, or too small.
     """
-    factor, failed = 1.0, 0
+    factor, failed, longest = 1.0, 0, LARGEST_LAG_STEP * lag.deviation
     while failed < MAX_FAILED:
         if factor <= 1 and factor * known.gain < UNCHANGED:
             break
-        if best.job.deadline.passed("a latency"):
+        if best.job.deadline.passed(lag.field.replace("_", " ")):
             break
-        mean = np.clip(known.mean[0], -LONGEST_LAG, LONGEST_LAG)
-        step = np.clip(factor * mean, -LONGEST_LAG, LONGEST_LAG)
+        mean = np.clip(known.mean[0], -longest, longest)
+        step = np.clip(factor * mean, -longest, longest)
         then = max(0.0, float(lag.of(best) + step))
         precision = replace(best.job.precision, **{lag.field: then})
         late = best.job.as_late_as(precision)
@@ -139,7 +140,7 @@ def _lag_by_steps(
             factor, failed = factor / 2, failed + 1
             continue
         more = gained > known.gain
-        best, known, failed = again, lag.at(again.linearised), 0
+        best, known, failed = again, lag.consider(again.linearised), 0
         ahead = 2 * step / known.mean[0] if known.mean[0] else 0.0
         factor = max(1.0, ahead) if more else 1.0
     return best, known

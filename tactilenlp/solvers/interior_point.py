@@ -1,8 +1,9 @@
 """Our interior-point method called as a CasADi solver, with IPOPT as the last resort.
 
-Where a run accepts no step, or one small step after another, a second one starts from
-there, or from the first start if all errors grew since, with multipliers and a barrier
-parameter of its own.  If that fails too, IPOPT solves the problem from the first start.
+Where a run accepts no step, or one small step after another, a second run starts from
+the last point, or from the original start if primal and dual infeasibility have both
+grown; multipliers and barrier parameter are initialised anew.  If that fails too, IPOPT
+solves the problem from the original start.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ class InteriorPoint:
         except Stuck:
             settings = replace(self._settings, mu_init=SECOND_MU)
             limits = {k: v for k, v in inputs.items() if not k.endswith("0")}
-            better = run.start if run.diverged() else run.at
-            again = Run(*self._programme, settings, x0=better.w[: run.n], **limits)
+            restart = run.start if run.diverged() else run.at
+            again = Run(*self._programme, settings, x0=restart.w[: run.n], **limits)
             again.continue_counts(run)
             return again, again.minimise()
 
