@@ -12,7 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..local.local_solve import freed_to_tilt, solved_from, warm_started
+from ..local.local_solve import (
+    built_page,
+    freed_to_tilt,
+    in_motion_of,
+    solved_from,
+    warm_started,
+)
 from ..local.margins import DECISIVE, RESTORED
 from ..local.solved import Solved
 from ..problem.certificates import certify
@@ -46,8 +52,8 @@ def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
     fell = "planar" in flat.certificates.broken and not states_planar_motion(job.page)
     fell = fell and (tilted is flat or not explains_touches(tilted))
     if fell and job.shape.faced and not job.deadline.passed("a tumble"):
-        tumbled = _solve_tumbles(job, flat, executor)
-        if tumbled.rank < tilted.rank:
+        tumbled = _solve_tumbles(job, flat, tilted.solution.objective, executor)
+        if tumbled is not None and tumbled.rank < tilted.rank:
             return tumbled
     return flat if tilted is flat else restore_reductions(tilted)
 
@@ -127,20 +133,25 @@ def restore_reductions(solved) -> Solved:
     return replace(solved, certificates=certificates)
 
 
-def _solve_tumbles(job, flat, executor) -> Solved:
-    """Solve proposals of a tumble in free motion; keep the best, or the flat one."""
+def _solve_tumbles(job, flat, limit: float, executor) -> Solved | None:
+    """Return the best proposal of a tumble, solved in free motion; None if none is.
+
+    limit: the objective to beat [nats].  The first level that moves poses has softer
+    weights: what costs more there is not solved further.
+    """
     evidence = unexplained_by_action(job, flat)
     motions = tumbling_motions(
         job, evidence, *job.options.widths(precise=False), executor
     )
-    free = job.with_reductions(planar=False)
+    free, best = job.with_reductions(planar=False), None
     levels = [ranking(level) for level in job.contract.from_guesses]
-    solved = [solved_from(free, h, levels=levels) for h in motions[:MAX_TUMBLE_SOLVES]]
-    better = [
-        s for s in solved
-        if s.solution.success and s.solution.objective < flat.solution.objective
-    ]  # fmt: skip
-    if not better:
-        return flat
-    best = min(better, key=lambda s: s.solution.objective)
-    return replace(best, certificates=certify(free, best))
+    first = 1 + next(k for k, level in enumerate(levels) if "x" not in level.fixed)
+    for h in motions[:MAX_TUMBLE_SOLVES]:
+        built = built_page(free, in_motion_of(free, h))
+        tumbled = solved_from(free, h, built, levels[:first])
+        if levels[first:] and tumbled.solution.objective < limit:
+            before = tumbled.solution
+            tumbled = solved_from(free, h, built, levels[first:], before)
+        if tumbled.solution.success and tumbled.solution.objective < limit:
+            best, limit = tumbled, tumbled.solution.objective
+    return best and replace(best, certificates=certify(free, best))
