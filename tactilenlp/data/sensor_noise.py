@@ -50,9 +50,6 @@ class Precision:
     normal_lag_error: float = 0.0
 
 
-LAGS_AND_ERRORS = "latency", "latency_error", "normal_lag", "normal_lag_error"
-
-
 def precision_of(data: Measurements, scene=None) -> Precision:
     """Estimate the noise of positions and normals, unless the scene gives it."""
     position = getattr(scene, "sigma_position", None) or _position(data)
@@ -195,8 +192,8 @@ def late_gap(data: Measurements) -> np.ndarray:
     finger that feels nothing at the next sample may have parted before this one.
     """
     p, felt = data.finger_position, data.contact
-    no_pair = (data.action[1:] == data.action[:-1])[:, None]
-    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & no_pair
+    goes_on = (data.action[1:] == data.action[:-1])[:, None]
+    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & goes_on
     share = np.minimum(1.0, CONTACT_LATENCY / np.diff(data.time))[:, None]
     way = share * np.linalg.norm(np.diff(p, axis=0), axis=2)
     return np.vstack([np.where(leaves, way, 0.0), np.zeros(felt.shape[1])])

@@ -98,8 +98,7 @@ class Record:
 
     def usual_way(self, steps: int) -> float:
         """Return how far fingers move in so many samples: the root mean square [m]."""
-        t = np.arange(len(self.position))
-        before = self.position[np.maximum(t - steps, self.bounds[0])]
+        before = self.place(np.arange(len(self.position)), slice(None), -steps)
         return float(np.sqrt(((self.position - before) ** 2).sum(axis=2).mean()))
 
     def contact_point(self, t, f) -> np.ndarray:

@@ -249,7 +249,10 @@ def _of_touches(problem, x, data, window, smoothing: float) -> tuple[tuple, Misf
 
 
 def touch_moments(problem, data, window, smoothing: float):
-    """Return mean and variance [nats, nats^2] of the cost of every touch (touches,)."""
+    """Return mean and variance [nats, nats^2] of the cost of every touch (touches,).
+
+    Most touches have the same deviations: of 60 to 90 there are one to six pairs.
+    """
     sigma, sigma_n = (
         float(data[problem.parameters[name].span][0])
         for name in (TOUCH_SCALE, NORMAL_SCALE)
@@ -261,15 +264,16 @@ def touch_moments(problem, data, window, smoothing: float):
     normal = np.hypot(window.sigma_normal, RIGID_MISFIT * sigma_n) / scale_n
     z, weight_z = np.polynomial.hermite_e.hermegauss(NODES)
     e, weight_e = np.polynomial.laguerre.laggauss(NODES)
-    weight = weight_z[:, None] * weight_e / weight_z.sum()
-    weight = weight.ravel()
-    of_gap = np.asarray(sensing.touch(ca.DM(gap[:, None] * z), 1.0))
-    cost = of_gap[:, :, None] + (normal**2)[:, None, None] * e
+    weight = np.outer(weight_z / weight_z.sum(), weight_e).ravel()
+    pairs, of_touch = np.unique(np.c_[gap, normal], axis=0, return_inverse=True)
+    of_gap = sensing.touch(ca.DM(pairs[:, :1] * z), 1.0).full()
+    cost = of_gap[:, :, None] + pairs[:, 1, None, None] ** 2 * e
     most = window.outlier_cost
-    cost = np.asarray(sensing.mixture(ca.DM(cost.reshape(-1, len(weight))), most))
-    mean = cost @ weight
+    cost = sensing.mixture(ca.DM(cost.reshape(-1, len(weight))), most).full()
+    mean, of_touch = cost @ weight, of_touch.ravel()
     variance = cost**2 @ weight - mean**2
     lone = lone_touches(window.touch) & (smoothing < 1)
+    mean, variance = mean[of_touch], variance[of_touch]
     return np.where(lone, most, mean), np.where(lone, 1.0, variance)
 
 
@@ -281,7 +285,7 @@ def free_moments(gaps) -> tuple[np.ndarray, np.ndarray]:
     low, high = gaps[(gaps[:, 0] < CLEAR)].T
     node, weight = np.polynomial.legendre.leggauss(NODES)
     at = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * node
-    cost, weight = np.asarray(sensing.free(ca.DM(at), 1.0)), weight / 2
+    cost, weight = sensing.free(ca.DM(at), 1.0).full(), weight / 2
     mean = cost @ weight
     return mean, cost**2 @ weight - mean**2
 

@@ -27,8 +27,8 @@ MAX_YAW = 2 * np.pi  # [rad] of a guess
 # (hypotheses, starts) for noisy, for precise sensors.  Of 22 noisy recordings four
 # starts end higher than six in one, by 0.2 nats; three miss that of a poor guess.
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
-# Of noisy sensors whose trajectory is doubtful: of ten such recordings of another world
-# six end 2 to 20 nats lower than with NOISY_WIDTHS, one ends 4 nats higher.
+# Of noisy sensors whose trajectory is doubtful: of nine such recordings five end 5 to
+# 20 nats lower than with NOISY_WIDTHS, one ends 4 nats higher.
 DOUBTFUL_WIDTHS = (8, 10)
 
 

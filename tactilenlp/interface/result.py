@@ -168,8 +168,8 @@ class Estimate:
     def contacts(self) -> tuple[np.ndarray, np.ndarray]:
         """Points [m], normals of contacts when felt, (T, F, 3), body frame, or NaN."""
         data, late = self.measurements, self.latency
-        moved = replace(data, finger_position=self.seen_positions)
-        seen = with_sensors_earlier(moved, self.sensors)
+        seen = replace(data, finger_position=self.seen_positions)
+        seen = with_sensors_earlier(seen, self.sensors)
         spheres = as_spheres(seen, self.scene)
         n_w = np.where(data.contact[..., None], seen.normal, np.nan)
         p_w = spheres.finger_position - data.finger_radius[:, None] * n_w

@@ -17,12 +17,7 @@ from ..common.deadline import Deadline
 from ..data.contact_segments import samples_until
 from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..data.sensor_noise import (
-    LAGS_AND_ERRORS,
-    Precision,
-    latency_cost,
-    with_sensors_earlier,
-)
+from ..data.sensor_noise import Precision, latency_cost, with_sensors_earlier
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
 from ..problem.reductions import Reductions, window_of_samples
@@ -120,11 +115,12 @@ class Job:
 
     def as_late_as(self, sensors: Precision) -> Job:
         """Return the job with the lags of other sensors, its data earlier by these."""
-        late = {name: getattr(sensors, name) for name in LAGS_AND_ERRORS}
+        own = self.precision
+        late = replace(sensors, position=own.position, normal=own.normal,
+                       normal_error=own.normal_error)  # fmt: skip
         recorded = self.data if self.recorded is None else self.recorded
         data = with_sensors_earlier(recorded, sensors)
         recorded = None if data is recorded else recorded
-        late = replace(self.precision, **late)
         return replace(self, data=data, recorded=recorded, precision=late)
 
     @property
