@@ -204,9 +204,9 @@ def test_a_tumbling_object_is_followed_in_free_motion(scenes):
 
 @pytest.mark.slow
 def test_a_time_limit_holds_for_all_that_follows_the_search(recorded, estimate):
-    """Forty actions, which take a minute without a limit."""
+    """Forty actions, in the time that an estimate of three takes four times over."""
     data, scene, _ = recorded
-    many, limit = data, 4.0
+    many, limit = data, min(4.0, 4.0 * estimate.seconds["total"])
     while many.actions < 40:
         later = data.time + many.time[-1] + 1.0
         many = many.append(replace(data, time=later, action=data.action))
