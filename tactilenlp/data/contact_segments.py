@@ -1,7 +1,8 @@
 """Contact segments: successive touches of a finger on one plane of the body.
 
-While a finger stays on a face and the body hardly turns, its normal is constant up to
-noise; where the mean normal changes by more than noise explains, a new segment begins.
+While a finger stays on a face its normal in the body's frame, along a path that the
+body may have taken, is constant up to noise; where the mean normal changes by more than
+noise explains, a new segment begins.
 Touches without a similar neighbour are outliers.
 """
 
@@ -117,7 +118,8 @@ def lone_touches(touch) -> np.ndarray:
 def contact_segments(touch, sigma: float) -> np.ndarray:
     """Return the segment (touches,) of each touch, numbered from 0.
 
-    touch: samples with contact; sigma [rad]: noise of their normals.
+    touch: samples with contact, with normals in the body's frame along a path; sigma
+    [rad]: noise of these.
     """
     order = np.lexsort((touch.sample, touch.finger))
     t, f, n = touch.sample[order], touch.finger[order], touch.normal[order]

@@ -39,8 +39,8 @@ class PlanesWindow(Window):
     """A window, and which touch lies on which plane.
 
     plane: (touches,) of each touch; planes: how many; slip (n, 2): successive touches
-    of a finger; link (m, 2): their planes, where they are not one already.  The last
-    pose is held.
+    of a finger; link (m, 2): those of them that differ in their planes, one of each two
+    planes.  The last pose is held.
     """
 
     plane: np.ndarray
@@ -69,8 +69,9 @@ def planes_window(window, faces) -> PlanesWindow:
     near = touch.sample[order[1:]] - touch.sample[order[:-1]] == 1
     near &= touch.finger[order[1:]] == touch.finger[order[:-1]]
     slip = np.stack([order[1:], order[:-1]], 1)[near]
-    link = np.unique(np.sort(plane[slip], axis=1), axis=0)
-    link = link[link[:, 0] != link[:, 1]]
+    link = slip[plane[slip[:, 0]] != plane[slip[:, 1]]]
+    _, once = np.unique(np.sort(plane[link], axis=1), axis=0, return_index=True)
+    link = link[once]
     same = near & (plane[order[1:]] == plane[order[:-1]])
     ends = order[~(np.r_[False, same] & np.r_[same, False])]
     i, j = np.meshgrid(ends, np.arange(len(faces.b)), indexing="ij")
@@ -96,7 +97,7 @@ def of_new_action(window: PlanesWindow, x, planes: int) -> PlanesWindow:
     return replace(
         window.holding(x, slice(first)),
         slip=window.slip[new[window.slip].any(axis=1)],
-        link=window.link[(window.link >= planes).any(axis=1)],
+        link=window.link[(window.plane[window.link] >= planes).any(axis=1)],
         behind=behind.pick(new[behind.touch] | (behind.plane >= planes)),
         outside=outside.pick(new[outside.touch] | (outside.pose >= first)),
         **window.of_later_steps(past),

@@ -1,10 +1,11 @@
 """Poses of a polytope and the supporting planes of its touched faces, action by action.
 
 Simultaneous localisation and mapping with several hypotheses: touches whose normals
-stay constant are contact segments, each a plane; segments that turn out to be one face
-become one plane (`polytope_planes` solves for poses and planes).  Where a body may have
-gone in an action is predicted by quasi-static pushing at the contacts that were felt,
-for drawn centres of mass.  Poses are planar, in the frame of the ground.
+stay constant in the body's frame, along a predicted path, are contact segments, each a
+plane; segments that turn out to be one face become one plane (`polytope_planes` solves
+for poses and planes).  Where a body may have gone in an action is predicted by
+quasi-static pushing at the contacts that were felt, for drawn centres of mass.  Poses
+are planar, in the frame of the ground.
 """
 
 from __future__ import annotations
@@ -22,11 +23,17 @@ from ..geometry.convex_hull import (
     unseen_halfspaces,
     vertices_behind,
 )
-from ..geometry.transforms import directions_in_body, rotate_planar
+from ..geometry.transforms import directions_in_body
 from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..solvers.solve import solve_levels
-from .predicted_motion import predicted_paths, with_motion, with_pushes
+from .predicted_motion import (
+    CENTRE,
+    moved_origin,
+    predicted_paths,
+    with_motion,
+    with_pushes,
+)
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most
@@ -35,6 +42,7 @@ AGREED = 2  # paths that lead to the best optimum: no others are tried
 TURN = 0.05  # [rad] by which paths differ
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
+EXTENTS = 16  # directions, evenly distributed over half a turn, in which a body extends
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +85,7 @@ def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
 
 def _extension(job, window, faces: Faces, path) -> Faces:
     """Return planes and poses of one more action from a predicted path."""
+    faces = with_origin(faces, path.off)
     start = continued_faces(window, faces, path.x)
     window = with_motion(window, np.diff(path.x, axis=1, prepend=path.x[:, :1]))
     new = of_new_action(planes_window(window, start), faces.x, len(faces.b))
@@ -209,8 +218,8 @@ def continued_faces(window, faces: Faces, x) -> Faces:
 
 def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the planes of touches at poses x, one for each segment: plane, n, b."""
-    plane = contact_segments(touch, window.sigma_normal)
     normal = directions_in_body(x, touch.sample, touch.normal)
+    plane = contact_segments(replace(touch, normal=normal), window.sigma_normal)
     count = np.bincount(plane)
     n = np.stack([np.bincount(plane, normal[:, k]) for k in range(3)], 1)
     n = n / np.linalg.norm(n, axis=1, keepdims=True)
@@ -219,14 +228,44 @@ def as_measured(window, touch, x) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return plane, n, b
 
 
+def with_origin(faces: Faces, d) -> Faces:
+    """Return the same body with its origin at d (2,) [m] of its frame."""
+    b = faces.b - faces.n[:, :2] @ d
+    return replace(faces, x=moved_origin(faces.x, d), b=b)
+
+
 def centred(window, faces: Faces, size, ground) -> Faces:
-    """Return the same motion with the body's origin below its centroid."""
-    planes, points = touched_halfspaces(window, faces)
+    """Return the same motion with the body's origin below its likely centre of mass.
+
+    The product of two Gaussian densities: about the centre for which its motion was
+    predicted, the origin so far, and about that of its shape.
+    """
+    mean, P = centre_of_shape(*touched_halfspaces(window, faces), size, ground)
+    predicted = (CENTRE * size[0]) ** 2 * np.eye(2)
+    cost = mean @ np.linalg.solve(predicted + P, mean) / 2
+    faces = replace(faces, objective=faces.objective + cost)
+    return with_origin(faces, predicted @ np.linalg.solve(predicted + P, mean))
+
+
+def centre_of_shape(planes, points, size, ground) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (2,) [m] and covariance (2, 2) [m^2] of a body's centroid, in plan.
+
+    planes (n, 4), points (k, 3): as of `touched_halfspaces`.  The surface lies anywhere
+    between the hull of the points and that of planes, ground and a ball.  In each of
+    EXTENTS directions the middle of the body is that of two uniform densities.
+    """
     unseen = unseen_halfspaces(points, unseen_ball(points, size, ground), ground)
-    shift = centroid(vertices_behind(np.vstack([planes, unseen])))[:2]
-    x = faces.x.copy()
-    x[:2] += rotate_planar(x[2], *shift)
-    return replace(faces, x=x, b=faces.b - faces.n[:, :2] @ shift)
+    outer = vertices_behind(np.vstack([planes, unseen]))
+    angle = np.pi * np.arange(EXTENTS) / EXTENTS
+    u = np.stack([np.cos(angle), np.sin(angle)])
+    (high, low), (high_1, low_1) = (
+        ((V[:, :2] @ u).max(axis=0), (V[:, :2] @ u).min(axis=0))
+        for V in (outer, points)
+    )
+    moved = (high_1 + low_1 - high - low) / 4  # the middle, from that of the outer one
+    variance = ((high - high_1) ** 2 + (low_1 - low) ** 2) / 12 / 4
+    covariance = 2 / EXTENTS * (u * variance) @ u.T
+    return centroid(outer)[:2] + 2 / EXTENTS * u @ moved, covariance
 
 
 def touched_halfspaces(window, faces: Faces) -> tuple[np.ndarray, np.ndarray]:

@@ -28,10 +28,14 @@ USUAL_FOOT = 0.5  # [sizes] half the width of the support of a body that is know
 
 
 class PredictedPath(NamedTuple):
-    """Poses x (3, T), and the cost [nats] of the centre of mass drawn for it."""
+    """Poses x (3, T) of a centre of mass that is drawn, and what it costs [nats].
+
+    off (2,) [m]: of this centre from the origin before, body frame.
+    """
 
     x: np.ndarray
     cost: float
+    off: np.ndarray
 
 
 def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
@@ -43,7 +47,7 @@ def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
     """
     rest, begin = resting_path(job.shape.size_prior[0], window.touch, faces, samples)
     if job.scene.ground is None:
-        return [PredictedPath(rest, 0.0)]
+        return [PredictedPath(rest, 0.0, np.zeros(2))]
     rng, before = np.random.default_rng(0), rest[:, :begin]
     if faces is None:
         places, costs = behind_touch(job.shape.size_prior, window.touch, rng)
@@ -59,11 +63,22 @@ def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
     )  # fmt: skip
     if faces is None:
         paths = [np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths]
+        off = np.zeros_like(off)
     else:
-        for path, d in zip(paths, off.T, strict=True):  # of the origin, not the centre
-            path[:2] -= rotate_planar(path[2] - path[2, 0], *d)
-        paths = [np.hstack([before, path]) for path in paths]
-    return [PredictedPath(rest, 0.0), *map(PredictedPath, paths, costs)]
+        off = np.stack(rotate_planar(-rest[2, begin], *off))
+        paths = [
+            np.hstack([moved_origin(before, d), path])
+            for path, d in zip(paths, off.T, strict=True)
+        ]
+    drawn = zip(paths, costs, off.T, strict=True)
+    return [PredictedPath(rest, 0.0, np.zeros(2)), *(PredictedPath(*k) for k in drawn)]
+
+
+def moved_origin(x, d) -> np.ndarray:
+    """Return poses (3, T) of the same body with its origin at d (2,) [m] of it."""
+    moved = x.copy()
+    moved[:2] += rotate_planar(x[2], *d)
+    return moved
 
 
 def resting_path(size: float, touch, faces, samples: int):

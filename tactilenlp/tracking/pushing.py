@@ -32,6 +32,7 @@ from .geometry import feet_of, in_body, rotated, upright_contact
 
 STEEP = 0.35  # [-] horizontal part of a normal from which a finger pushes by its gap
 SWEEPS = 3  # of Gauss-Seidel with several fingers; one finger needs one
+FELT_SWEEPS = 12  # of a body that is known where it is felt: two fingers may pinch it
 LEAST_SPEED = 5e-5  # [m] way of a foot in a sample, rounded
 SLOW = 2e-4  # [m] a slower body has no direction of sliding yet
 START = 1e-3  # [m] way of every foot then: the friction is isotropic
@@ -144,7 +145,7 @@ def felt_push_motion(z, moves: list[Move], normals, shares, before, friction):
         n = rotated(normal, -z[-1])
         gap = -share * ca.fmax(approach_of(z, move, n), 0)
         pushes.append(_Push(z, move, in_body(z, move.p_1), gap, n))
-    return _motion(z, (z[0], z[0]), pushes, before, friction)
+    return _motion(z, (z[0], z[0]), pushes, before, friction, FELT_SWEEPS)
 
 
 def approach_of(z, move: Move, n):
@@ -153,14 +154,14 @@ def approach_of(z, move: Move, n):
     return -(n[0] * u[0] + n[1] * u[1] + n[2] * (move.p_1 - move.p_0)[2])
 
 
-def _motion(z, feet, pushes, before, friction):
+def _motion(z, feet, pushes, before, friction, sweeps=SWEEPS):
     """Return the motion (3,) [m, m, rad] of a body on its feet, world frame."""
     mu_g, mu_f = friction
     compliance = _compliance(feet, pushes, rotated(before, -z[-1]), mu_g)
     for push in pushes:
         push.meet(compliance)
     D = ca.SX.zeros(3)
-    for _ in range(SWEEPS if len(pushes) > 1 else 1):
+    for _ in range(sweeps if len(pushes) > 1 else 1):
         for push in pushes:
             D = push.solve(D, mu_f)
     return ca.fmin(ca.fmax(rotated(D, z[-1]), -LONGEST_MOVE), LONGEST_MOVE)
