@@ -62,6 +62,24 @@ def test_a_wider_support_turns_less():
     assert abs(narrow[2, -1]) > 1.2 * abs(wide[2, -1])
 
 
+def test_fingers_that_pinch_a_body_turn_it_with_the_line_between_them():
+    left, right = pushes(0.0), pushes(0.0)
+    k = np.arange(12)
+    for finger, side in (left, -1), (right, 1):
+        finger.finger_position[:, 0, 0] = side * (HALF + RADIUS - 2e-5 * k)
+        finger.finger_position[:, 0, 1] = side * 3e-4 * k
+        finger.normal[:, 0, 0] = side
+    names = "finger_position", "normal", "contact", "valid"
+    both = {n: np.hstack([getattr(d, n) for d in (left, right)]) for n in names}
+    radius = np.full(2, RADIUS)
+    data = SimpleNamespace(**both, finger_radius=radius, action=left.action)
+    (path,) = pushed_paths(data, np.arange(12), states(0.015), np.ones(1), FRICTION)
+    (a, b) = data.finger_position[-1]
+    line = np.arctan2((b - a)[1], (b - a)[0])
+    assert path[2, -1] == pytest.approx(line, rel=0.25)
+    np.testing.assert_allclose(path[:2], 0.0, atol=1e-4)
+
+
 def test_a_touch_that_begins_late_pushes_less_and_none_moves_nothing():
     data = pushes(0.0)
     onset = np.array([1.0, 0.25])

@@ -23,7 +23,7 @@ from ..geometry.convex_hull import (
     unseen_halfspaces,
     vertices_behind,
 )
-from ..geometry.transforms import directions_in_body
+from ..geometry.transforms import directions_in_body, rotate_planar
 from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..solvers.solve import solve_levels
@@ -62,8 +62,10 @@ class Faces:
 
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     """Return the poses x (3, T) of one more action, those of its past held."""
-    window = job.window_until(job.data.samples)
-    return extensions(job, window, faces, job.data.samples)[0].x
+    window, (p, *_) = job.window_until(job.data.samples), faces.x.T
+    best, *_ = extensions(job, window, faces, job.data.samples)
+    back = rotate_planar(-p[2], *(p - best.x[:, 0])[:2])  # to the body's origin before
+    return moved_origin(best.x, back)
 
 
 def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
@@ -238,21 +240,25 @@ def centred(window, faces: Faces, size, ground) -> Faces:
     """Return the same motion with the body's origin below its likely centre of mass.
 
     The product of two Gaussian densities: about the centre for which its motion was
-    predicted, the origin so far, and about that of its shape.
+    predicted, the origin so far, and about that of its shape.  How far these are apart
+    is part of the objective.  Without a ground no motion is predicted.
     """
     mean, P = centre_of_shape(*touched_halfspaces(window, faces), size, ground)
+    if not ground:
+        return with_origin(faces, mean)
     predicted = (CENTRE * size[0]) ** 2 * np.eye(2)
-    cost = mean @ np.linalg.solve(predicted + P, mean) / 2
-    faces = replace(faces, objective=faces.objective + cost)
-    return with_origin(faces, predicted @ np.linalg.solve(predicted + P, mean))
+    weighted = np.linalg.solve(predicted + P, mean)
+    faces = replace(faces, objective=faces.objective + mean @ weighted / 2)
+    return with_origin(faces, predicted @ weighted)
 
 
 def centre_of_shape(planes, points, size, ground) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (2,) [m] and covariance (2, 2) [m^2] of a body's centroid, in plan.
 
     planes (n, 4), points (k, 3): as of `touched_halfspaces`.  The surface lies anywhere
-    between the hull of the points and that of planes, ground and a ball.  In each of
-    EXTENTS directions the middle of the body is that of two uniform densities.
+    between the hull of the points and that of planes, ground and a ball: in each of
+    EXTENTS directions the middle of the body is that of two uniform densities.  Their
+    average is exact for the mean, and wider than least squares for the covariance.
     """
     unseen = unseen_halfspaces(points, unseen_ball(points, size, ground), ground)
     outer = vertices_behind(np.vstack([planes, unseen]))
