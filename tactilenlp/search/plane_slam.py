@@ -62,9 +62,10 @@ class Faces:
 
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
     """Return the poses x (3, T) of one more action, those of its past held."""
-    window, (p, *_) = job.window_until(job.data.samples), faces.x.T
-    best, *_ = extensions(job, window, faces, job.data.samples)
-    back = rotate_planar(-p[2], *(p - best.x[:, 0])[:2])  # to the body's origin before
+    samples, before = job.data.samples, faces.x[:, 0]
+    best = extensions(job, job.window_until(samples), faces, samples)[0]
+    # Back from the centre that was drawn to the body's origin:
+    back = rotate_planar(-before[2], *(before - best.x[:, 0])[:2])
     return moved_origin(best.x, back)
 
 
