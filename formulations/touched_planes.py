@@ -1,16 +1,11 @@
 r"""The costs of touches on supporting planes: the terms of polytope_planes.py.
 
-    touch      touch(n_i . R'(r - p) - rho - b_i) + |R n_i - n_m|^2 / (2 sigma_n^2)
-    link       log(1 + o) - log(f + q - f q + o)
-               f = exp(-|n_i - n_j|^2 / (2 FACE^2) - (b_i - b_j)^2 / (2 APART^2))
-               q = exp(-|c_i - c_j|^2 / (2 POINT^2)),    o = exp(-OTHER_COST)
-    behind     max(n_j . c_i - b_j, 0)^2 / (2 sigma^2)
-    outside    max(rho - |R'(r - p) - c_i|, 0)^2 / (2 sigma^2)
-    slip       SLIP_WEIGHT (sqrt(|c_i - c_j|^2 + WAY_EPS^2) - WAY_EPS)
-    n_i = m_i / |m_i|,    c_i = R'(r - p) - rho n_i
+    link = log(1 + o) - log(f + q - f q + o)
+    f = exp(-|n_i - n_j|^2 / (2 FACE^2) - (b_i - b_j)^2 / (2 APART^2))
+    q = exp(-|c_i - c_j|^2 / (2 POINT^2)),    o = exp(-OTHER_COST)
 
-A link says that two successive touches of a finger are on one face (probability f), or
-at one point of an edge, about which the body turns under the finger (q), or neither.
+Two successive touches of a finger are on one face (f), or at one point of an edge about
+which the body turns (q), or neither.  The other costs, n_i and c_i are stated there.
 """
 
 from __future__ import annotations
@@ -58,7 +53,7 @@ class Touched:
         turn = ca.sumsqr(outward(plane) - outward(plane_1)) / (2 * FACE**2)
         f = ca.exp(-turn - ((plane[3] - plane_1[3]) / APART) ** 2 / 2)
         q = ca.exp(-ca.sumsqr(c - c_1) / (2 * POINT**2))
-        o = exp(-OTHER_COST)
+        o = exp(-OTHER_COST)  # as a mixture, without the logarithm of f + q - f q = 0
         return log1p(o) - ca.log(f + q - f * q + o)
 
     def behind(self, x, plane, other, p_wf, rho, sigma):

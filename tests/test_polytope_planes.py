@@ -13,15 +13,12 @@ from formulations.polytope import polytope
 from formulations.rigid_body import PLANAR
 from formulations.touched_planes import OTHER_COST, Touched
 from tactilenlp import Options
+from tactilenlp.geometry.convex_hull import centre_of_shape
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.problem.window import Samples
-from tactilenlp.search.plane_slam import (
-    as_measured,
-    centre_of_shape,
-    poses_of_new_action,
-)
+from tactilenlp.search.plane_slam import as_measured, poses_of_new_action
 from tactilenlp.search.polytope_init import planes_on_body
 
 RADIUS, TURN = 0.01, 0.02  # [m] of a finger; [rad] a sample, of a body

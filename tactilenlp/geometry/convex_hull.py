@@ -25,6 +25,7 @@ INDEPENDENT_TOUCHES = 30  # touches counted as independent, at most
 # over the plane of touch of a body that floats.
 CENTRE_HEIGHT = 0.7, 0.25
 FLOATING_HEIGHT = 0.0, 0.5
+EXTENTS = 16  # directions, over half a turn, in which a body's extents are compared
 ENLARGED = 2.0**10  # [1] trimesh's tolerances are absolute: too wide for small faces
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
@@ -195,3 +196,26 @@ def unseen_halfspaces(points, ball: Ball, ground) -> np.ndarray:
     """
     caps = ball.caps(points)
     return np.vstack([[[0, 0, -1, 0]], caps]) if ground else caps
+
+
+def centre_of_shape(planes, points, size, ground) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean (2,) [m] and covariance (2, 2) [m^2] of a body's centroid, in plan.
+
+    planes (n, 4): half-spaces that hold it; points (k, 3) [m]: where it was touched;
+    size, ground: as of `unseen_ball`.  Its surface lies anywhere between the hull of
+    the points and that of planes, ground and ball: in each of EXTENTS directions the
+    middle of the body is that of two uniform densities.  Their average is exact for the
+    mean, and wider than least squares for the covariance.
+    """
+    unseen = unseen_halfspaces(points, unseen_ball(points, size, ground), ground)
+    outer = vertices_behind(np.vstack([planes, unseen]))
+    angle = np.pi * np.arange(EXTENTS) / EXTENTS
+    u = np.stack([np.cos(angle), np.sin(angle)])
+    (high, low), (high_1, low_1) = (
+        ((V[:, :2] @ u).max(axis=0), (V[:, :2] @ u).min(axis=0))
+        for V in (outer, points)
+    )
+    moved = (high_1 + low_1 - high - low) / 4  # the middle, from that of the outer one
+    variance = ((high - high_1) ** 2 + (low_1 - low) ** 2) / 12 / 4
+    covariance = 2 / EXTENTS * (u * variance) @ u.T
+    return centroid(outer)[:2] + 2 / EXTENTS * u @ moved, covariance

@@ -103,6 +103,13 @@ def points_in_body(x, samples, p_w) -> np.ndarray:
     return directions_in_body(x, samples, away)
 
 
+def moved_origin(x, d) -> np.ndarray:
+    """Return poses x (3, T) of the same body with its origin at d (2,) [m] of it."""
+    moved = x.copy()
+    moved[:2] += rotate_planar(x[2], *d)
+    return moved
+
+
 def move_poses(x, old, new) -> np.ndarray:
     """Return poses x (3, T) moved by the planar motion that maps `old` to `new`."""
     turn = new[2] - old[2]

@@ -17,23 +17,12 @@ import numpy as np
 from formulations import polytope_planes
 
 from ..data.contact_segments import NOISE_SIGMAS, contact_segments
-from ..geometry.convex_hull import (
-    centroid,
-    unseen_ball,
-    unseen_halfspaces,
-    vertices_behind,
-)
-from ..geometry.transforms import directions_in_body, rotate_planar
+from ..geometry.convex_hull import centre_of_shape
+from ..geometry.transforms import directions_in_body, moved_origin, rotate_planar
 from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..solvers.solve import solve_levels
-from .predicted_motion import (
-    CENTRE,
-    moved_origin,
-    predicted_paths,
-    with_motion,
-    with_pushes,
-)
+from .predicted_motion import CENTRE, predicted_paths, with_motion, with_pushes
 
 # Chosen on the first actions of six explored polytopes and on seven shared recordings:
 HYPOTHESES = 2  # continued after an action, at most
@@ -42,7 +31,6 @@ AGREED = 2  # paths that lead to the best optimum: no others are tried
 TURN = 0.05  # [rad] by which paths differ
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
-EXTENTS = 16  # directions, evenly distributed over half a turn, in which a body extends
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,28 +239,6 @@ def centred(window, faces: Faces, size, ground) -> Faces:
     weighted = np.linalg.solve(predicted + P, mean)
     faces = replace(faces, objective=faces.objective + mean @ weighted / 2)
     return with_origin(faces, predicted @ weighted)
-
-
-def centre_of_shape(planes, points, size, ground) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (2,) [m] and covariance (2, 2) [m^2] of a body's centroid, in plan.
-
-    planes (n, 4), points (k, 3): as of `touched_halfspaces`.  The surface lies anywhere
-    between the hull of the points and that of planes, ground and a ball: in each of
-    EXTENTS directions the middle of the body is that of two uniform densities.  Their
-    average is exact for the mean, and wider than least squares for the covariance.
-    """
-    unseen = unseen_halfspaces(points, unseen_ball(points, size, ground), ground)
-    outer = vertices_behind(np.vstack([planes, unseen]))
-    angle = np.pi * np.arange(EXTENTS) / EXTENTS
-    u = np.stack([np.cos(angle), np.sin(angle)])
-    (high, low), (high_1, low_1) = (
-        ((V[:, :2] @ u).max(axis=0), (V[:, :2] @ u).min(axis=0))
-        for V in (outer, points)
-    )
-    moved = (high_1 + low_1 - high - low) / 4  # the middle, from that of the outer one
-    variance = ((high - high_1) ** 2 + (low_1 - low) ** 2) / 12 / 4
-    covariance = 2 / EXTENTS * (u * variance) @ u.T
-    return centroid(outer)[:2] + 2 / EXTENTS * u @ moved, covariance
 
 
 def touched_halfspaces(window, faces: Faces) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..data.scene import typical_friction
-from ..geometry.transforms import rotate_planar
+from ..geometry.transforms import moved_origin, rotate_planar
 from ..tracking.felt_pushes import pushed_paths, pushed_steps
 
 PATHS = 15  # paths of an action that are predicted
@@ -35,7 +35,7 @@ class PredictedPath(NamedTuple):
 
     x: np.ndarray
     cost: float
-    off: np.ndarray
+    off: np.ndarray | tuple = (0.0, 0.0)
 
 
 def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
@@ -47,7 +47,7 @@ def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
     """
     rest, begin = resting_path(job.shape.size_prior[0], window.touch, faces, samples)
     if job.scene.ground is None:
-        return [PredictedPath(rest, 0.0, np.zeros(2))]
+        return [PredictedPath(rest, 0.0)]
     rng, before = np.random.default_rng(0), rest[:, :begin]
     if faces is None:
         places, costs = behind_touch(job.shape.size_prior, window.touch, rng)
@@ -63,22 +63,12 @@ def predicted_paths(job, window, faces, samples: int) -> list[PredictedPath]:
     )  # fmt: skip
     if faces is None:
         paths = [np.hstack([np.repeat(x[:, :1], begin, 1), x]) for x in paths]
-        off = np.zeros_like(off)
-    else:
-        off = np.stack(rotate_planar(-rest[2, begin], *off))
-        paths = [
-            np.hstack([moved_origin(before, d), path])
-            for path, d in zip(paths, off.T, strict=True)
-        ]
-    drawn = zip(paths, costs, off.T, strict=True)
-    return [PredictedPath(rest, 0.0, np.zeros(2)), *(PredictedPath(*k) for k in drawn)]
-
-
-def moved_origin(x, d) -> np.ndarray:
-    """Return poses (3, T) of the same body with its origin at d (2,) [m] of it."""
-    moved = x.copy()
-    moved[:2] += rotate_planar(x[2], *d)
-    return moved
+        return [PredictedPath(rest, 0.0), *map(PredictedPath, paths, costs)]
+    off = np.transpose(rotate_planar(-rest[2, begin], *off))
+    paths = [
+        np.hstack([moved_origin(before, d), x]) for x, d in zip(paths, off, strict=True)
+    ]
+    return [PredictedPath(rest, 0.0), *map(PredictedPath, paths, costs, off)]
 
 
 def resting_path(size: float, touch, faces, samples: int):

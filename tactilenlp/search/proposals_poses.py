@@ -14,8 +14,8 @@ from ..data.contact_segments import lasting_contacts
 from ..data.sensor_noise import shift_in_time, shift_rotations
 from ..geometry.transforms import (
     directions_in_body,
+    moved_origin,
     points_in_body,
-    rotate_planar,
     rotvecs_back,
 )
 from ..local.hypothesis import Hypothesis
@@ -47,9 +47,9 @@ def body_on_poses(job, estimate) -> Hypothesis | None:
     sigma_n = np.hypot(NORMAL_SIGMA, job.precision.normal)
     best = _fit(shape, points, data.finger_radius[f], normal, sigma, sigma_n)
     *off, turn = best.x[shape.theta :]
-    place = x[:2] + rotate_planar(x[2], *np.array(off)[:, None])
     words = (f"poses of a {estimate.shape}",)
-    there = np.vstack([place, x[2] + turn])
+    there = moved_origin(x, off)
+    there[2] += turn
     return Hypothesis(best.x[: shape.theta], there, float(best.cost), words)
 
 
