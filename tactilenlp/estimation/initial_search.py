@@ -71,9 +71,13 @@ def initial_hypotheses(
 
 
 def reduced_job(request: Request) -> Job:
-    """Return the job of a search: reduced, whatever the last solve does."""
+    """Return the job of a search: reduced, whatever the last solve does.
+
+    Of a polytope it may be of soft fingertips.
+    """
     job = request.job_until(SEARCH_END, strict=False)
-    return replace(job, reductions=Reductions())
+    rigid = job.reductions.rigid or not job.shape.of_vertices
+    return replace(job, reductions=Reductions(rigid=rigid))
 
 
 def _search_floating_polytope(job, plane, incumbents) -> list[Hypothesis]:

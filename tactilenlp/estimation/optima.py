@@ -48,7 +48,7 @@ from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
 from ..refinement.incremental import continues
 from ..refinement.incremental_polytope import continue_if_implausible
 from ..refinement.model_selection import most_probable
-from ..refinement.nested_models import with_nuisance_parameters
+from ..refinement.nested_models import lost_by_compliance, with_nuisance_parameters
 from ..refinement.refinement import (
     fits_badly,
     from_scratch,
@@ -155,6 +155,11 @@ def _search_once(
         log.info("searching again with the latency that was found")
         late = request.job.as_late_as(solved[0].job.precision)
         again = from_scratch(replace(request, job=late))
+        return _search_once(again, Incumbents([], incumbents.solves), update, solved)
+    if solved and lost_by_compliance(request.job, solved[0]):
+        log.info("searching again with soft fingertips")
+        soft = request.job.as_found(solved[0].job)
+        again = from_scratch(replace(request, job=soft))
         return _search_once(again, Incumbents([], incumbents.solves), update, solved)
     return Optima(solved[0] if solved else None, solved, kept, starts)
 

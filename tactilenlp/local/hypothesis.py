@@ -36,7 +36,8 @@ class Hypothesis:
     Poses are planar (3, T), or free (6, T) where a solve of free motion starts or ends;
     path: the proposals that led to it, one word an action; offset (3, F) [m] of the
     fingers, where their positions are not known exactly; carried: whether it was, by
-    hand, between two actions; closed: whether every face was touched, of a polytope.
+    hand, between two actions; closed: whether every face was touched, of a polytope;
+    compliance [m per weight] of the fingertips, where it was an unknown.
     """
 
     theta: np.ndarray
@@ -47,6 +48,7 @@ class Hypothesis:
     offset: np.ndarray | None = None
     carried: bool = False
     closed: bool = False
+    compliance: float | None = None
 
     LAYOUT: ClassVar = {  # of the arrays in a file
         "theta": (ANY,), "x": (ANY, ANY), "offset": (3, ANY),

@@ -100,8 +100,15 @@ class Job:
         return replace(self, data=change(self.data), recorded=recorded)
 
     def as_found(self, other: Job) -> Job:
-        """Return the job on the ground, and with the lags, of another one."""
-        return self.on_ground(other.scene.ground).as_late_as(other.precision)
+        """Return the job on the ground, and with the lags, of another one.
+
+        And with its fingertips, soft or rigid, of a polytope: other searches have a
+        tolerance for both.
+        """
+        job = self.on_ground(other.scene.ground).as_late_as(other.precision)
+        if not job.shape.of_vertices:
+            return job
+        return job.with_reductions(rigid=other.reductions.rigid)
 
     def on_ground(self, ground) -> Job:
         """Return the job with its data in the frame of another Ground."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from formulations.finger_offset import NAME as OFFSET
+from formulations.indentation import NAME as COMPLIANCE
 
 from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
@@ -170,6 +171,9 @@ class Solved:
             theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.pose],
             offset=values.get(OFFSET),
+            compliance=float(c.item())
+            if (c := values.get(COMPLIANCE)) is not None
+            else None,
             objective=self.solution.objective,
         )
 

@@ -44,6 +44,7 @@ from ..search.polytope_init import (
     with_credible_touches,
 )
 from ..search.predicted_motion import with_pushes
+from ..search.soft_fingertips import as_of_rigid_fingertips
 from ..solvers.solution import Solution, after
 from .certification import restore_reductions
 from .incremental import (
@@ -157,6 +158,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
     about: information (3 V, 3 V) about the vertices of the past.
     """
     lean = with_credible_touches(replace(job, reductions=Reductions()))
+    lean = as_of_rigid_fingertips(lean, past.at.compliance)
     h = replace(past.at, x=poses_of_new_action(lean, planes_on_body(lean, past.at)))
     settings, solution = search_settings(job, **ACCEPTABLE), past.solution
     for build, levels in (

@@ -55,6 +55,15 @@ class Nuisance(NamedTuple):
     screen: Callable | None
 
 
+def lost_by_compliance(job, best: Solved) -> bool:
+    """Tell whether a search of the job may have lost the body for want of a compliance.
+
+    Of a polytope, whose search took fingertips for rigid that a solve found soft.
+    """
+    soft = job.reductions.rigid and not best.job.reductions.rigid
+    return soft and job.shape.of_vertices and job.search.hypothesis is None
+
+
 def misfit_of(solved: Solved) -> Misfit:
     """Return what the touches cost, and should cost [nats].
 

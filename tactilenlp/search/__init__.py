@@ -9,6 +9,7 @@ a shape and a trajectory.  Of shapes with sizes: multi-hypothesis tracking, mult
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
 - `multistart`: the page solved from starts, by successive halving
 - `plane_slam`: several hypotheses of planes and poses of a polytope, along paths that
-  pushes predict (`predicted_motion`); `polytope_init`: hulls of these planes;
-  `vertex_number`: their fits, with as many vertices as the evidence asks for
+  pushes predict (`predicted_motion`), for several compliances (`soft_fingertips`);
+  `polytope_init`: hulls of these planes; `vertex_number`: their fits, with as many
+  vertices as the evidence asks for
 """

@@ -58,25 +58,21 @@ def levels_of(job):
     """Return the levels by which a page is solved from a search's hypothesis.
 
     From guesses that are far off, those of `ROUGH`, if the page has them: guesses of
-    free motion, and those for soft fingertips or turned normals, as the search takes
-    fingers for rigid and aligned.  Where the compliance is unknown, all levels hold it
-    at its guess; then the last one is solved again with nothing held.  A page without
-    `ROUGH` takes the last one alone: it is then solved from the optimum of ideal
-    fingertips.
+    free motion, and those for soft fingertips or turned normals, which a search knows
+    roughly or not at all.  Where the compliance is unknown, all levels hold it at its
+    guess; then the last one is solved again with nothing held.
     """
-    contract, page = job.contract, job.page
+    contract, levels = job.contract, job.page.LEVELS
     unknown = not job.reductions.rigid and job.scene.compliance is None
-    guess_levels = contract.rough or page.LEVELS[-1:]
     if unknown and "rigid" in contract.freed:
-        held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in guess_levels]
-        held[:-1] = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held[:-1]]
-        return [*held, guess_levels[-1]]
-    if not job.reductions.aligned and "aligned" in contract.freed:
-        return guess_levels
-    if job.scene.ground is None or job.shape.rolls:  # guesses in a plane
+        *held, last = contract.from_guesses
+        held = [k.with_ipopt(tol=RANKING_TOLERANCE) for k in held]
+        held = [replace(k, fixed=(*k.fixed, COMPLIANCE)) for k in (*held, last)]
+        return [*held, last]
+    turned = not job.reductions.aligned and "aligned" in contract.freed
+    if turned or job.scene.ground is None or job.shape.rolls:  # guesses in a plane
         return contract.from_guesses
-    planar = job.reductions.planar
-    return freed_levels(page.LEVELS) if planar else page.LEVELS
+    return freed_levels(levels) if job.reductions.planar else levels
 
 
 def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:

@@ -10,6 +10,7 @@ evidence start the page with impulses.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from ..geometry.convex_hull import (
 )
 from ..geometry.simplification import with_counts
 from ..local.hypothesis import Hypothesis, distinct
+from ..local.job import Job
 from ..problem.reductions import Reductions
 from .plane_slam import (
     Faces,
@@ -37,6 +39,7 @@ from .plane_slam import (
     merged_faces,
     touched_halfspaces,
 )
+from .soft_fingertips import as_of_rigid_fingertips, compliances_of
 from .vertex_number import counts_of, likeliest
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
@@ -104,21 +107,54 @@ def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
     Raises NoContactError where no touch is credible.
     """
     job = with_credible_touches(job)
-    faces, action = [planes_on_body(job, kept[0])] if kept else [], job.data.action
+    action, ways = job.data.action, []
+    known = kept[0].compliance if kept else None
+    for compliance, cost in compliances_of(job, known).items():
+        rigid = as_of_rigid_fingertips(job, compliance)
+        faces = [planes_on_body(rigid, kept[0])] if kept else []
+        ways.append(Searched(rigid, faces, cost))
     ends = np.searchsorted(action, np.unique(action), side="right").tolist()
     ends = [last for last in ends if job.data.contact[:last].any()]
     try:
         with interruptible():
             for i, last in enumerate(progress(ends, "search")):
+                faces = ways[0].faces
                 if faces and last <= faces[0].x.shape[1]:
                     continue
                 if faces and job.deadline.passed(f"a search from action {i + 1} on"):
                     break
-                faces = extended_faces(job, faces, last)
-            return _fitted(job, faces)
+                ways = better_half([way.extended(last) for way in ways], bool(faces))
+            return _fitted(*min(ways, key=lambda way: way.rank)[:2])
     except KeyboardInterrupt:
-        keep([unfitted(job, one) for one in faces[:1]])
+        keep([unfitted(job, one) for one in ways[0].faces[:1]])
         raise
+
+
+class Searched(NamedTuple):
+    """A search of planes, with fingertips of one compliance.
+
+    job: of its data as of rigid fingertips; faces: those found, best first; cost
+    [nats]: the prior of the compliance.
+    """
+
+    job: Job
+    faces: list[Faces]
+    cost: float
+
+    @property
+    def rank(self) -> float:
+        """The objective to sort by."""
+        return round(self.cost + self.faces[0].objective, 3)
+
+    def extended(self, samples: int) -> Searched:
+        """Return the search for the first samples."""
+        return self._replace(faces=extended_faces(self.job, self.faces, samples))
+
+
+def better_half(ways: list[Searched], halved: bool) -> list[Searched]:
+    """Return searches, the best first, and if halved the better half of them."""
+    ways = sorted(ways, key=lambda way: way.rank)
+    return ways[: (len(ways) + 1) // 2] if halved else ways
 
 
 def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
@@ -164,6 +200,7 @@ def has_likely_count(job, h: Hypothesis) -> bool:
     if not job.shape.counts or job.deadline.passed("other numbers of vertices"):
         return True
     job = with_credible_touches(replace(job, reductions=Reductions()))
+    job = as_of_rigid_fingertips(job, h.compliance)
     try:
         hulls = hulls_from(job, planes_on_body(job, h))
     except TactileError:  # planes of touches that noise moved close no body
