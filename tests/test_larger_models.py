@@ -10,8 +10,9 @@ from formulations.shape import CUBOID
 from tactilenlp import Session, solve_estimate
 from tactilenlp.estimation import optima
 from tactilenlp.interface.request import read_request
+from tactilenlp.local.levels import FREED_MU
 from tactilenlp.local.local_solve import solved_from, warm_started
-from tactilenlp.refinement.nested_models import FREED_MU, NUISANCES, score, wald
+from tactilenlp.refinement.nested_models import NUISANCES, score, wald
 
 TURNED = 0.01  # [rad] of the normals of one finger
 

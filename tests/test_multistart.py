@@ -13,10 +13,11 @@ from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.hypothesis import Hypothesis, distinct, same_body
+from tactilenlp.local.levels import freed_levels
 from tactilenlp.local.local_solve import continuation, solved_from
 from tactilenlp.local.solved import Solved, Solves, best_first
 from tactilenlp.search import multistart as starts
-from tactilenlp.search.multistart import freed_levels, multistart
+from tactilenlp.search.multistart import multistart
 
 LEVELS = freed_levels(page.LEVELS)
 

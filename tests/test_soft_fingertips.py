@@ -23,8 +23,8 @@ from tactilenlp import (
 from tactilenlp.errors import SceneError
 from tactilenlp.exploration.beliefs import sensor_model
 from tactilenlp.interface.request import make_job
+from tactilenlp.local.levels import levels_of
 from tactilenlp.problem.reductions import Reductions
-from tactilenlp.search.multistart import levels_of
 
 FOREIGN = ROOT.parent / "shared" / "foreign"
 SOFT = Reductions(rigid=False)

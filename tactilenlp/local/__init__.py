@@ -4,7 +4,8 @@ In: a `Job` (measurements, scene, shape, page), a `Hypothesis` (shape and trajec
 Out: a `Solved` page: optimum, evidence, KKT system, fit, certificates.
 
 - `job`: what is solved; `hypothesis`: what it is solved from, how two are compared
-- `local_solve`: from a hypothesis, from an earlier solution, by continuation
+- `local_solve`: from a hypothesis, from an earlier solution, by continuation;
+  `levels`: the solves of a continuation
 - `solved`: a page as it is built and solved
 - `margins`: how far objectives must differ before a choice depends on it
 """

@@ -21,9 +21,9 @@ from ..problem.window import Window
 from ..solvers.solution import Solution, after, unfinished
 from .hypothesis import Hypothesis
 from .job import Job
+from .levels import levels_of
 from .solved import BuiltPage, Solved
 
-RANKING_TOLERANCE = 1e-3  # of a page's solves that only rank hypotheses
 RESTART_MU = 1e-5  # IPOPT's mu_init from a solution that lacks only what was dropped
 COLLAPSED = "Collapsed_Body"  # status of a solve whose next level has no body
 RESTARTED = ("theta", "x", "body")  # unknowns of a rebuilt page that it guesses itself
@@ -132,7 +132,8 @@ def continuation(job: Job, solved: Solved) -> Solved | None:
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
     the kinks between sliding and sticking, which can hold poses in a local optimum, are
     smooth there.  A page that is extended action by action (`EXTENDS`) goes through all
-    its levels, rebuilt before each.  None as well without time for it.
+    its levels, where fingertips are rigid first with soft ones, which let go of touches
+    that hold a body in a local optimum.  None as well without time for it.
     """
     if job.deadline.passed("continuation"):
         return None
@@ -140,6 +141,10 @@ def continuation(job: Job, solved: Solved) -> Solved | None:
         return solved_from(job, solved.at, levels=guess_levels)
     if not job.contract.extends:
         return None
+    may_yield = job.reductions.rigid and job.scene.compliance is None
+    if may_yield and "rigid" in job.contract.freed:
+        soft = job.with_reductions(rigid=False)
+        solved = solved_from(soft, solved.at, levels=levels_of(soft)[:-1])
     return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])
 
 

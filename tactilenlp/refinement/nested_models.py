@@ -29,12 +29,12 @@ from formulations.names import TOUCH_TERM
 from ..information.goodness_of_fit import NOTHING, Misfit
 from ..information.linearisation import kkt_residual
 from ..information.mixture import occam_of
+from ..local.levels import FREED_MU
 from ..local.local_solve import built_page, transfer_solution, warm_started
 from ..local.margins import DECISIVE, UNCHANGED
 from ..local.solved import Solved, best_first
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.certificates import Skipped
-from ..search.multistart import FREED_MU
 from ..tracking.initial_states import body_height
 
 log = logging.getLogger("tactilenlp")

@@ -41,7 +41,7 @@ from ..information.error_budget_terms import VERTICAL
 from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..local.hypothesis import Hypothesis, resized
-from ..local.local_solve import RANKING_TOLERANCE
+from ..local.levels import RANKING_TOLERANCE
 from ..local.margins import PROFILE_RISE
 from ..local.solved import Solved, settings_of
 from ..solvers.solve import solve_levels

@@ -16,6 +16,7 @@ from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW
 from ..interface.result import Estimate
 from ..local.hypothesis import distinct
+from ..local.levels import levels_of
 from ..local.local_solve import freed_to_tilt, solved_from, warm_started
 from ..local.margins import (
     DECISIVE,
@@ -26,7 +27,7 @@ from ..local.margins import (
 from ..local.solved import Solved, best_first
 from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
-from ..search.multistart import levels_of, multistart
+from ..search.multistart import multistart
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit

@@ -28,12 +28,12 @@ from formulations.rigid_body import rotation
 from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import rotvecs
 from ..local.hypothesis import Hypothesis
+from ..local.levels import held_briefly
 from ..local.local_solve import freed_to_tilt, solved_from
 from ..local.solved import Solved, best_first
 from ..problem.outliers import with_ideal_fingertips
 from ..problem.poses import body_corners
 from ..problem.reductions import required_reductions
-from ..search.multistart import held_briefly
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")
