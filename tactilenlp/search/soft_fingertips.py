@@ -26,14 +26,15 @@ from ..data.scene import typical_friction
 from ..problem.fingertips import yields
 from ..tracking.felt_pushes import HALF
 
-SOFTNESS = 0.5, 1.0, 2.0  # [-] compliances, in deviations of their prior
+SOFTNESS = 0.0, 0.5, 1.0, 2.0  # [-] compliances, in deviations of their prior
 
 
 def compliances_of(job, known: float | None = None) -> dict[float, float]:
     """Return likely compliances [m per weight] of the fingertips, and their costs.
 
     Costs [nats] are of their prior; known: that of an earlier estimate, if any.  Zero
-    for rigid fingertips, and for a body that no friction holds.
+    alone for rigid fingertips, and for a body that no friction holds; beside others it
+    competes, as a path that was lost may look like soft fingertips.
     """
     scene = job.scene
     if scene.ground is None or not yields(scene, job.reductions):
