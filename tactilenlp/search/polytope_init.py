@@ -124,7 +124,7 @@ def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
                 if faces and job.deadline.passed(f"a search from action {i + 1} on"):
                     break
                 ways = better_half([way.extended(last) for way in ways], bool(faces))
-            return _fitted(*min(ways, key=lambda way: way.rank)[:2])
+            return _fitted(ways[0].job, ways[0].faces)
     except KeyboardInterrupt:
         keep([unfitted(job, one) for one in ways[0].faces[:1]])
         raise
