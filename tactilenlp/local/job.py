@@ -102,8 +102,8 @@ class Job:
     def as_found(self, other: Job) -> Job:
         """Return the job on the ground, and with the lags, of another one.
 
-        And with its fingertips, soft or rigid, of a polytope: other searches have a
-        tolerance for both.
+        Of a polytope with its fingertips, soft or rigid, too: the searches of other
+        shapes have a tolerance for both.
         """
         job = self.on_ground(other.scene.ground).as_late_as(other.precision)
         if not job.shape.of_vertices:

@@ -166,14 +166,13 @@ class Solved:
     def at(self) -> Hypothesis:
         """The hypothesis moved to the solution."""
         values = self.solution.values
+        c = values.get(COMPLIANCE)
         return replace(
             self.hypothesis,
             theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.pose],
             offset=values.get(OFFSET),
-            compliance=float(c.item())
-            if (c := values.get(COMPLIANCE)) is not None
-            else None,
+            compliance=None if c is None else float(c.item()),
             objective=self.solution.objective,
         )
 
