@@ -96,9 +96,14 @@ def declare(nlp, window, scene, pushes=None):
             NAME, 1, lower=0.0, upper=SOFTEST, guess=GUESS, unit="m", scale=1e-3
         )
     else:
-        c = nlp.parameter(NAME, scene.compliance * scene.mass * G, "m")
+        c = nlp.parameter(NAME, told(scene), "m")
     row, stepped = window.push_of_touch
     return Soft(d, c, pushes.lam[:, row], pushes.w[row], stepped)
+
+
+def told(scene):
+    """Return the compliance [m per weight] of the fingertips that a scene tells."""
+    return scene.compliance * scene.mass * G
 
 
 def of_pushes(nlp, pushes, rows):

@@ -19,10 +19,11 @@ tried, what it changes:
     certification         flat poses alone tell an untouched height: free motion
 
 A search is repeated from the first touch where the objective says that it has lost the
-trajectory, with a latency of the sensors that was found, and on a ground that was found
-to lean.  Where the fit is not good, or physics costs more than usual, another one
-solves the page after every action: its optima, not tracks of the filter alone, are what
-the next action continues.  The better result counts.
+trajectory, with a latency of the sensors or soft fingertips of a polytope that were
+found, and on a ground that was found to lean.  Where the fit is not good, or physics
+costs more than usual, another one solves the page after every action: its optima, not
+tracks of the filter alone, are what the next action continues.  The better result
+counts.
 """
 
 from __future__ import annotations
@@ -141,7 +142,8 @@ def _search_once(
     incumbents: their hypotheses are continued, and replaced by those that are found;
     update: as of `optima_of`; earlier: solves of the same job, which compete.  Where
     sensors are found to be late, which the search took for prompt, and the fit is not
-    good, the optima are those of a search from scratch with that latency.
+    good, the optima are those of a search from scratch with that latency; of a polytope
+    whose fingertips are found to be soft, of one with these.
     """
     few = update_from_few_starts(request, incumbents)
     few = few._replace(solved=[*earlier, *few.solved])
@@ -151,17 +153,21 @@ def _search_once(
         kept, starts = initial_hypotheses(request, incumbents, few.search)
     incumbents.kept, incumbents.searched = kept, incumbents.spent
     solved = _solve_page(request, starts, incumbents, few, update)
-    if solved and lost_by_latency(request.job, solved[0]):
-        log.info("searching again with the latency that was found")
-        late = request.job.as_late_as(solved[0].job.precision)
-        again = from_scratch(replace(request, job=late))
-        return _search_once(again, Incumbents([], incumbents.solves), update, solved)
-    if solved and lost_by_compliance(request.job, solved[0]):
-        log.info("searching again with soft fingertips")
-        soft = request.job.as_found(solved[0].job)
-        again = from_scratch(replace(request, job=soft))
+    if solved and (job := _found_otherwise(request.job, solved[0])) is not None:
+        again = from_scratch(replace(request, job=job))
         return _search_once(again, Incumbents([], incumbents.solves), update, solved)
     return Optima(solved[0] if solved else None, solved, kept, starts)
+
+
+def _found_otherwise(job: Job, best: Solved) -> Job | None:
+    """Return the job that is to be searched again, as a solve found it, if any."""
+    if lost_by_latency(job, best):
+        log.info("searching again with the latency that was found")
+        return job.as_late_as(best.job.precision)
+    if lost_by_compliance(job, best):
+        log.info("searching again with soft fingertips")
+        return job.as_found(best.job)
+    return None
 
 
 def _search_by_action(request: Request, found: Job) -> Optima | None:
@@ -171,7 +177,7 @@ def _search_by_action(request: Request, found: Job) -> Optima | None:
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
     predicted.  Of shapes with sizes and noisy sensors, twice as many hypotheses are
     kept, and starts solved, as by the first search.  found: the job of a solve of all
-    actions, whose ground and latency it begins with.  None if time ends it.
+    actions, as which it begins (`Job.as_found`).  None if time ends it.
     """
     parts, update = growing(request), isinstance(request.start, Estimate)
     with_sizes = searches_rougher = not request.job.shape.of_vertices

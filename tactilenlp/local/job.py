@@ -94,6 +94,19 @@ class Job:
         """Return the job with other values of some reductions, by name."""
         return replace(self, reductions=replace(self.reductions, **made))
 
+    def fixes(self, name: str) -> bool:
+        """Tell whether a parameter is fixed by assumption, and the page may free it.
+
+        name: of its reduction, "rigid", "central" or "aligned".
+        """
+        unknown = {
+            "rigid": self.scene.compliance is None,
+            "central": self.scene.sigma_centre > 0,
+            "aligned": True,
+        }
+        freed = name in self.contract.freed
+        return unknown[name] and getattr(self.reductions, name) and freed
+
     def of_data(self, change) -> Job:
         """Return the job of other data: change(Measurements) of these."""
         recorded = None if self.recorded is None else change(self.recorded)

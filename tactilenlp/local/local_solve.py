@@ -141,10 +141,10 @@ def continuation(job: Job, solved: Solved) -> Solved | None:
         return solved_from(job, solved.at, levels=guess_levels)
     if not job.contract.extends:
         return None
-    may_yield = job.reductions.rigid and job.scene.compliance is None
-    if may_yield and "rigid" in job.contract.freed:
+    if job.fixes("rigid"):
         soft = job.with_reductions(rigid=False)
-        solved = solved_from(soft, solved.at, levels=levels_of(soft)[:-1])
+        held = levels_of(soft)[:-1]  # the last one frees the compliance
+        solved = solved_from(soft, solved.at, levels=held)
     return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])
 
 

@@ -90,7 +90,7 @@ def with_nuisance_parameters(solves, solve) -> list[Solved]:
     another job, from a hypothesis, and if not alone from all starts of the search.
     """
     for name, nuisance in NUISANCES.items():
-        if fixes(solves[0].job, name) and solves[0].solution.success:
+        if solves[0].job.fixes(name) and solves[0].solution.success:
             solves = _with_nuisance(name, nuisance, solves, solve)
     return solves
 
@@ -134,7 +134,7 @@ def without_needless(solved: Solved) -> Solved:
         job, reductions = solved.job, solved.job.reductions
         fixed = job.with_reductions(**{name: True})
         by_data = getattr(job.options.reductions, name) > getattr(reductions, name)
-        if not (by_data and fixes(fixed, name)):
+        if not (by_data and fixed.fixes(name)):
             continue
         if job.deadline.passed(f"a fixed {nuisance.dropped}"):
             break
@@ -246,17 +246,6 @@ NUISANCES = {  # by reduction, in the order in which they are freed
         "it is the centroid unless data say so", False, score,
     ),
 }  # fmt: skip
-
-
-def fixes(job, name: str) -> bool:
-    """Tell whether a nuisance parameter is fixed by assumption, and a page frees it."""
-    unknown = {
-        "rigid": job.scene.compliance is None,
-        "central": job.scene.sigma_centre > 0,
-        "aligned": True,
-    }
-    freed = name in job.contract.freed
-    return unknown[name] and getattr(job.reductions, name) and freed
 
 
 def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:

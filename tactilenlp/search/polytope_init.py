@@ -123,7 +123,10 @@ def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
                     continue
                 if faces and job.deadline.passed(f"a search from action {i + 1} on"):
                     break
-                ways = better_half([way.extended(last) for way in ways], bool(faces))
+                ways = [way.extended(last) for way in ways]
+                ways.sort(key=lambda way: way.rank)
+                if faces:  # the better half
+                    ways = ways[: (len(ways) + 1) // 2]
             return _fitted(ways[0].job, ways[0].faces)
     except KeyboardInterrupt:
         keep([unfitted(job, one) for one in ways[0].faces[:1]])
@@ -149,12 +152,6 @@ class Searched(NamedTuple):
     def extended(self, samples: int) -> Searched:
         """Return the search for the first samples."""
         return self._replace(faces=extended_faces(self.job, self.faces, samples))
-
-
-def better_half(ways: list[Searched], halved: bool) -> list[Searched]:
-    """Return searches, the best first, and if halved the better half of them."""
-    ways = sorted(ways, key=lambda way: way.rank)
-    return ways[: (len(ways) + 1) // 2] if halved else ways
 
 
 def _fitted(job, several: list[Faces]) -> list[Hypothesis]:

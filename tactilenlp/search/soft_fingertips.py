@@ -19,8 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations.indentation import COMPLIANCE
-from formulations.rigid_body import G
+from formulations.indentation import COMPLIANCE, told
 
 from ..data.scene import typical_friction
 from ..problem.fingertips import yields
@@ -40,7 +39,7 @@ def compliances_of(job, known: float | None = None) -> dict[float, float]:
     if scene.ground is None or not yields(scene, job.reductions):
         return {0.0: 0.0}
     if scene.compliance is not None:
-        return {scene.compliance * scene.mass * G: 0.0}
+        return {told(scene): 0.0}
     if known is not None:
         return {known: 0.0}
     return {k * COMPLIANCE: k**2 / 2 for k in SOFTNESS}
