@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-NAME = "centre of mass"
+from .names import CENTRE_OF_MASS
 
 
 def declare(nlp, window, scene, shape):
@@ -20,8 +20,8 @@ def declare(nlp, window, scene, shape):
     if window.central:
         return 0.0
     deviation = scene.sigma_centre * shape.typical_size
-    e_m = nlp.variable(NAME, 3, guess=0.0, unit="m", scale=1e-3)
-    nlp.minimize(
-        f"{NAME} prior", lambda e_m: ca.sumsqr(e_m / deviation) / 2, e_m, role="prior"
-    )
+    e_m = nlp.variable(CENTRE_OF_MASS, 3, guess=0.0, unit="m", scale=1e-3)
+    name = f"{CENTRE_OF_MASS} prior"
+    name = f"{CENTRE_OF_MASS} prior"
+    nlp.minimize(name, lambda e_m: ca.sumsqr(e_m / deviation) / 2, e_m, role="prior")
     return e_m

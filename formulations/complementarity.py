@@ -17,7 +17,7 @@ construction.  The balance is in balance.py.
 
 Departures:
   |v_s|   is rounded from below by V = SPEED_ROUNDING: sqrt(v^2 + V^2) - V
-  noise   of finger positions relaxes no constraint
+  noise   of finger positions relaxes no constraint; fingertips are rigid
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ contact.  The paper's list after eq:vimp, in its order, as energies and limits:
     complementarity      lam_n max(phi, 0)
     maximum dissipation  D = lam_f sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t
                              - v_eps sqrt(lam_f^2 - |lam_t|^2),   lam_f = mu lam_n + r w
-    non-penetration      min(0, phi)^2                     (paper_contact.py alone)
+    non-penetration      min(0, phi)^2      (paper_contact.py; of unseen fingers also
+                                            finger_contact.py)
     inelasticity         lam_n max(v_n, 0)
     friction cone        mu lam_n + r w - sqrt(|lam_t|^2 + (r w)^2) >= 0
 

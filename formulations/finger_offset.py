@@ -26,7 +26,8 @@ from dataclasses import replace
 
 import casadi as ca
 
-NAME = "finger offset"  # of the unknown, in a page that has it
+from .names import FINGER_OFFSET
+
 PLACE, SLOPE, TURN = 3, 27, 9  # numbers of a finger whose joints are known
 
 
@@ -38,7 +39,8 @@ def displaced(nlp, window, scene):
     if scene.sigma_offset is None:
         return window
     joints = scene.joints
-    e = nlp.variables[NAME] if NAME in nlp.variables else declare(nlp, window, scene)
+    known = nlp.variables.get(FINGER_OFFSET)
+    e = declare(nlp, window, scene) if known is None else known
 
     def above_offset(rows, p_wf):
         data = p_wf if joints is None else joints.with_numbers(p_wf, rows.finger)
@@ -50,14 +52,14 @@ def displaced(nlp, window, scene):
 
 def declare(nlp, window, scene):
     """Declare the offsets e (3, fingers) [m] with their prior."""
-    e = nlp.variable(
-        NAME, 3, window.fingers, guess=0.0, unit="m", scale=scene.typical_offset
-    )
+    scale, name = scene.typical_offset, f"{FINGER_OFFSET} prior"
+    count = window.fingers
+    e = nlp.variable(FINGER_OFFSET, 3, count, guess=0.0, unit="m", scale=scale)
     if scene.joints is None:
-        nlp.minimize(f"{NAME} prior", prior, e, scene.sigma_offset, role="prior")
+        nlp.minimize(name, prior, e, scene.sigma_offset, role="prior")
     else:
         information = scene.joints.information
-        nlp.minimize(f"{NAME} prior", prior_within, e, information, role="prior")
+        nlp.minimize(name, prior_within, e, information, role="prior")
     return e
 
 

@@ -1,7 +1,7 @@
 r"""Fingers with an unknown orientation error: each normal is turned by a constant w_f.
 
     n_m - w_f x n_m + w_f x (w_f x n_m) / 2     in place of n_m, everywhere
-    sum_f |w_f|^2 / (2 TURN^2)                w_f ~ N(0, TURN^2), world frame (`prior`)
+    sum_f |w_f|^2 / (2 TURN_SIGMA^2)          w_f ~ N(0, TURN_SIGMA^2), world (`prior`)
 
 A tactile sensor that is turned on its finger reports all normals turned by the same
 vector; the rotation is exact to second order.  The mean over the fingers about the
@@ -15,8 +15,9 @@ from dataclasses import replace
 
 import casadi as ca
 
-NAME = "finger turn"  # of the unknown, in a page that has it
-TURN = 0.05  # [rad] deviation of each component: 3 degrees, of a sensor fitted by hand
+from .names import FINGER_TURN
+
+TURN_SIGMA = 0.05  # [rad] deviation of each component: a sensor fitted by hand
 
 
 def with_normals_turned_back(nlp, window):
@@ -26,8 +27,10 @@ def with_normals_turned_back(nlp, window):
     """
     if window.aligned:
         return window
-    w_f = nlp.variable(NAME, 3, window.fingers, guess=0.0, unit="rad", scale=0.01)
-    nlp.minimize(f"{NAME} prior", prior, w_f, role="prior")
+    w_f = nlp.variable(
+        FINGER_TURN, 3, window.fingers, guess=0.0, unit="rad", scale=0.01
+    )
+    nlp.minimize(f"{FINGER_TURN} prior", prior, w_f, role="prior")
     touch, finger = window.touch, replace(window.finger, measured=turned_back)
     above_turn = w_f[:, touch.finger].below(touch.normal)
     return replace(window, touch=replace(touch, normal=above_turn), finger=finger)
@@ -35,7 +38,7 @@ def with_normals_turned_back(nlp, window):
 
 def prior(w_f):
     """Return the cost of a turn (3,) [rad]."""
-    return ca.sumsqr(w_f) / (2 * TURN**2)
+    return ca.sumsqr(w_f) / (2 * TURN_SIGMA**2)
 
 
 def turned_back(normal):

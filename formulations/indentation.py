@@ -1,7 +1,7 @@
 r"""How deep a felt finger sits in the surface: soft fingertips, radius error.
 
     delta = d + c lam_n / w                       touched gap: phi + delta, see eq:loss
-    d^2 / (2 DEPTH^2) + c^2 / (2 COMPLIANCE^2)    priors,  c >= 0
+    d^2 / (2 DEPTH^2) + c^2 / (2 COMPLIANCE_SIGMA^2)    priors,  c >= 0
     sum (lam_n / w)^2 / (2 PUSH^2)                prior, where fingertips are soft
 
 d [m] is common to all touches: an error of the radius.  c [m] is the compliance of the
@@ -28,13 +28,12 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from .names import DEPTH_OF_TOUCH, INDENTATION
+from .names import COMPLIANCE, DEPTH_OF_TOUCH, INDENTATION
 from .rigid_body import G
 
-NAME = "compliance"  # of the unknown, in a page that has it
 DEPTH = 0.05e-3  # [m] deviation of d: radius error and rest of the compliance
-COMPLIANCE = 5e-3  # [m] under one weight, deviation of c: rubber of any hardness
-GUESS = 0.67 * COMPLIANCE  # [m] where c starts: the median of its prior
+COMPLIANCE_SIGMA = 5e-3  # [m] under one weight, deviation of c: rubber of any hardness
+GUESS = 0.67 * COMPLIANCE_SIGMA  # [m] where c starts: the median of its prior
 # [weights] deviation of a push of soft fingertips: sizes are nearest the true ones
 # among 0.7, 1.3, 2.2 and 7 (27 recordings of MuJoCo's contacts, results/EXPERIMENTS.md)
 PUSH = 1.3
@@ -93,10 +92,10 @@ def declare(nlp, window, scene, pushes=None):
         return Rigid(d)
     if scene.compliance is None:
         c = nlp.variable(
-            NAME, 1, lower=0.0, upper=SOFTEST, guess=GUESS, unit="m", scale=1e-3
+            COMPLIANCE, 1, lower=0.0, upper=SOFTEST, guess=GUESS, unit="m", scale=1e-3
         )
     else:
-        c = nlp.parameter(NAME, told(scene), "m")
+        c = nlp.parameter(COMPLIANCE, told(scene), "m")
     row, stepped = window.push_of_touch
     return Soft(d, c, pushes.lam[:, row], pushes.w[row], stepped)
 
@@ -109,7 +108,7 @@ def told(scene):
 def of_pushes(nlp, pushes, rows):
     """Return the indentation of the fingers that push by some rows of pushes."""
     d = nlp.variables[DEPTH_OF_TOUCH]
-    c = (nlp.variables | nlp.parameters).get(NAME)
+    c = (nlp.variables | nlp.parameters).get(COMPLIANCE)
     if c is None:
         return Rigid(d)
     return Soft(d, c, pushes.lam[:, rows], pushes.w[rows], 1.0)
@@ -119,11 +118,10 @@ def add_prior(nlp, indentation):
     """Add the priors of d and c, where these are unknown; report the indentation."""
     d = indentation.depth
     nlp.minimize("depth prior", lambda d: (d / DEPTH) ** 2 / 2, d, role="prior")
-    if NAME in nlp.variables:
+    if COMPLIANCE in nlp.variables:
         c = indentation.compliance
-        nlp.minimize(
-            f"{NAME} prior", lambda c: (c / COMPLIANCE) ** 2 / 2, c, role="prior"
-        )
+        name, sigma = f"{COMPLIANCE} prior", COMPLIANCE_SIGMA
+        nlp.minimize(name, lambda c: (c / sigma) ** 2 / 2, c, role="prior")
     if isinstance(indentation, Soft):
         nlp.minimize("push prior", Soft.pushing, indentation, role="prior")
         nlp.report(INDENTATION, lambda inside: inside.delta(), indentation)

@@ -7,7 +7,8 @@ r"""eq:loss_const by multiple shooting: every pose an unknown, every step a cons
 
 Contact is what f computes: a finger also pushes where it felt nothing.  So no sample
 may be left out, and no poses may be merged (REDUCTIONS).  The noise of finger positions
-enters f as it is.  f is rounded over v_eps, which each level reduces.
+enters f as it is, and fingertips are rigid.  f is rounded over v_eps, which each level
+reduces.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ noise they are expected to have, its impulses as those of the estimate.
 """
 
 FINGER, GROUND = "finger", "ground"  # unknowns: the impulses (normal, t1, t2) [N s]
+FINGER_OFFSET = "finger offset"  # unknown, (3, F) [m]: where fingers really are
+FINGER_TURN = "finger turn"  # unknown, (3, F) [rad]: of the normals of a finger
+CENTRE_OF_MASS = "centre of mass"  # unknown, (3,) [m] from the centroid, body frame
+COMPLIANCE = "compliance"  # unknown or parameter, [m] of a fingertip under one weight
 DEPTH_OF_TOUCH = "depth"  # unknown, [m] that all felt fingers sit in the surface
 TOUCH_SCALE, NORMAL_SCALE = "touch scale", "normal scale"  # parameters, [m], [rad]
 TOUCH_TERM = "touch"  # cost of the touches of felt fingers (eq:loss)

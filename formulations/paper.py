@@ -28,6 +28,7 @@ Departures, all of them:
   FC                 is (mu lam_n)^2 - |lam_t|^2 >= 0 with lam_n >= 0: the same set, its
                      gradient zero at the apex; only the first level opens the cone
   gap, n, theta      edges rounded, sizes bounded as on every page; (3) is exact
+  fingertips         are rigid
 """
 
 from __future__ import annotations

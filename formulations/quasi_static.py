@@ -12,7 +12,7 @@ Least motion stands for quasi-static dissipation: an object that is pushed moves
 than it must.  Where a finger that may push is not seen, way is that to x_{k-1} +
 (x_{k-1} - x_{k-2}), as motion lasts.  Where motion is predicted, by pushes at the
 contacts that are felt, way is that to x_{k-1} + motion_k: what is priced is the motion
-other than predicted (`add_unpredicted_motion`).
+other than predicted (`add_unpredicted_motion`).  Fingertips are rigid.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from formulations.finger_turn import NAME, turned_back
+from formulations.finger_turn import turned_back
+from formulations.names import FINGER_TURN
 from tactilenlp import Estimate, Ground, cuboid_errors, solve_estimate
 
 TURNS = np.radians([[1.0, -2.0, 1.5], [-3.0, 1.0, -1.0]])  # of two fingers
@@ -100,6 +101,6 @@ def test_turns_are_in_the_frame_of_the_world(estimate):
     w = np.array([[0.05, 0.02, -0.03], [0.0, -0.01, 0.02]])
     leaning = replace(
         estimate, scene=replace(estimate.scene, ground=ground),
-        unknowns=estimate.unknowns | {NAME: (w @ ground.rotation.T).T},
+        unknowns=estimate.unknowns | {FINGER_TURN: (w @ ground.rotation.T).T},
     )  # fmt: skip
     np.testing.assert_allclose(leaning.finger_turn, w, atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from programmes import octahedron
 
 from formulations import polytope_violation_implicit
-from formulations.indentation import COMPLIANCE
+from formulations.indentation import COMPLIANCE_SIGMA
 from formulations.polytope import polytope
 from tactilenlp import Options
 from tactilenlp.common.deadline import NEVER
@@ -85,7 +85,7 @@ def test_what_is_tried_is_what_the_scene_and_earlier_solves_leave_open():
     tried = compliances_of(soft)
     assert len(tried) > 1
     for c, cost in tried.items():
-        assert cost == pytest.approx((c / COMPLIANCE) ** 2 / 2)
+        assert cost == pytest.approx((c / COMPLIANCE_SIGMA) ** 2 / 2)
     assert compliances_of(soft, known=2e-3) == {2e-3: 0.0}
     known = pushed(compliance=1e-3)  # [m/N]
     assert compliances_of(known) == {1e-3 * known.scene.mass * G: 0.0}
@@ -120,9 +120,9 @@ def test_planes_tell_the_compliance_of_fingertips(foreign):
     job = job_of(data, scene)
     ends = np.searchsorted(data.action, np.unique(data.action), side="right")
     cost = {}
-    for c in (0.0, COMPLIANCE):
+    for c in (0.0, COMPLIANCE_SIGMA):
         way = Searched(as_of_rigid_fingertips(job, c), [], 0.0)
         for last in ends.tolist():
             way = way.extended(last)
         cost[c] = way.rank
-    assert cost[COMPLIANCE] < cost[0.0] - 10.0  # [nats] 12.8 and 30.0
+    assert cost[COMPLIANCE_SIGMA] < cost[0.0] - 10.0  # [nats] 12.8 and 30.0

@@ -26,7 +26,6 @@ from tactilenlp.interface.readout import hull_poses
 from tactilenlp.interface.request import make_job, read_request
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.refinement.model_selection import evidence_of
-from tactilenlp.refinement.sensor_lags import may_be_late
 
 SAMPLE = 1 / 30  # [s]
 
@@ -127,9 +126,9 @@ def test_a_latency_costs_its_prior_unless_it_was_told(recorded):
 
 
 def test_a_latency_is_sought_where_it_is_not_told_and_a_page_can(request_of):
-    assert may_be_late(request_of())
-    assert not may_be_late(request_of(latency=0.0))
-    assert not may_be_late(request_of(page="shooting"))
+    assert request_of().fixes("prompt")
+    assert not request_of(latency=0.0).fixes("prompt")
+    assert not request_of(page="shooting").fixes("prompt")
 
 
 def test_a_job_of_late_sensors_keeps_what_was_recorded(request_of):

@@ -60,7 +60,7 @@ def test_tilt_starts_from_the_flat_optimum_and_roughly_where_touches_stay_wrong(
     excess, asked = iter([before, after]), []
     rough = lambda *_, **__: asked.append("rough") or solve(10.0)  # noqa: E731
     replaced = {
-        "may_tilt": lambda job: True, "solved_from": rough,
+        "solved_from": rough,
         "misfit_of": lambda *_: Misfit(next(excess), 0.0, spread),
         "freed_to_tilt": lambda *_: solve(20.0), "tilted_by_normals": lambda *_: None,
         "without_needless": lambda solved: solved,
@@ -108,7 +108,7 @@ class WithLength:
 
 def test_felt_normals_tell_the_tilt_of_every_pose():
     x, window, angle = pushed_over()
-    found = rocking_body._tilts(CUBOID, SIDES, x, window)
+    found = rocking_body.felt_tilts(CUBOID, SIDES, x, window)
     # The change of tilt is believed to be small: a part of the last one is missed.
     assert found[0, 0] == pytest.approx(0.0, abs=1e-4)
     assert found[0, 1:] == pytest.approx(angle[1:], abs=0.15 * TILT)
@@ -119,12 +119,12 @@ def test_one_wrong_normal_tilts_no_body():
     x, window, angle = pushed_over()
     window.touch.normal = window.touch.normal.copy()
     window.touch.normal[6] = [0.0, 0.0, 1.0]  # as if its top had been touched
-    found = rocking_body._tilts(CUBOID, SIDES, x, window)
+    found = rocking_body.felt_tilts(CUBOID, SIDES, x, window)
     assert found[0, 1:] == pytest.approx(angle[1:], abs=0.2 * TILT)
 
 
 def test_slopes_of_normals_are_those_of_finite_differences():
-    normals, slopes = rocking_body._normals(CUBOID, SPHERE, (1, 3))
+    normals, slopes = rocking_body.normals_and_slopes(CUBOID, SPHERE, (1, 3))
     x = np.array([0.01, -0.02, 0.031, 0.0, 0.0, 0.4])
     finger = x[:3] + np.array(
         [0.021, 0.024, 0.02]

@@ -9,8 +9,8 @@ from conftest import ROOT
 from programmes import programme, sums, true_values
 
 from formulations import violation_implicit
-from formulations.centre_of_mass import NAME as CENTRE
-from formulations.indentation import COMPLIANCE, NAME
+from formulations.indentation import COMPLIANCE_SIGMA
+from formulations.names import CENTRE_OF_MASS, COMPLIANCE
 from formulations.shape import CUBOID
 from tactilenlp import (
     Estimate,
@@ -22,7 +22,7 @@ from tactilenlp import (
 )
 from tactilenlp.errors import SceneError
 from tactilenlp.exploration.beliefs import sensor_model
-from tactilenlp.interface.request import make_job
+from tactilenlp.interface.request import make_job, read_request
 from tactilenlp.local.levels import levels_of
 from tactilenlp.problem.reductions import Reductions
 
@@ -45,7 +45,7 @@ def test_derivatives_with_compliance_are_those_of_finite_differences(
     data, scene, truth = two_actions
     problem, window = programme(violation_implicit, data, scene, SOFT)
     values = true_values(problem, window, truth, np.random.default_rng(3))
-    report = problem.check(values | {NAME: 1.3e-3})
+    report = problem.check(values | {COMPLIANCE: 1.3e-3})
     for name in ("touch", "compliance prior"):
         assert max(report.derivatives[name]) < 1e-5, name
     assert report.assembled < 1e-5
@@ -55,7 +55,7 @@ def test_a_finger_sits_as_deep_as_compliance_times_impulse_over_weight(two_actio
     data, scene, truth = two_actions
     problem, window = programme(violation_implicit, data, scene, SOFT)
     values = true_values(problem, window, truth, np.random.default_rng(3))
-    values |= {NAME: 2e-3, "depth": 1e-5}
+    values |= {COMPLIANCE: 2e-3, "depth": 1e-5}
     x, given = problem.pack(values), problem.data()
     inside = problem.value("indentation", x, given)[:, 0]
     row, stepped = window.push_of_touch
@@ -71,7 +71,7 @@ def test_no_compliance_costs_what_rigid_fingertips_cost(two_actions):
     for choice in (SOFT, Reductions()):
         problem, window = programme(violation_implicit, data, scene, choice)
         values = true_values(problem, window, truth, np.random.default_rng(3))
-        none = {NAME: 0.0} if NAME in problem.variables else {}
+        none = {COMPLIANCE: 0.0} if COMPLIANCE in problem.variables else {}
         costs.append(sums(problem, values | none))
     assert costs[0].pop("compliance prior") == 0.0
     assert costs[0].pop("push prior") > 0.0  # of the impulses alone
@@ -82,12 +82,12 @@ def test_known_compliance_is_a_parameter_in_metres_per_newton(two_actions):
     data, scene, _ = two_actions
     known = replace(scene, compliance=3e-4)
     problem, _ = programme(violation_implicit, data, known)
-    assert NAME not in problem.variables
-    given = problem.data()[problem.parameters[NAME].span]
+    assert COMPLIANCE not in problem.variables
+    given = problem.data()[problem.parameters[COMPLIANCE].span]
     assert given == pytest.approx(3e-4 * scene.mass * G)
     rigid, _ = programme(violation_implicit, data, replace(scene, compliance=0.0), SOFT)
-    assert NAME not in rigid.variables
-    assert NAME not in rigid.parameters
+    assert COMPLIANCE not in rigid.variables
+    assert COMPLIANCE not in rigid.parameters
 
 
 @pytest.mark.parametrize("wrong", [-1e-4, 1.0, np.nan, "soft"])
@@ -121,7 +121,7 @@ def test_soft_contacts_are_found_and_sizes_are_within_three_sigma(
     sigma = estimate.information.sigma("side_lengths")[off.permutation]
     assert np.abs(off.side_lengths[:2]).max() < 0.6e-3  # x and y were touched
     assert np.abs(off.side_lengths / sigma).max() < 3
-    assert 0 < estimate.compliance * estimate.scene.mass * G < COMPLIANCE
+    assert 0 < estimate.compliance * estimate.scene.mass * G < COMPLIANCE_SIGMA
     assert "Fingertips are soft" in estimate.summary()
     estimate.save(tmp_path / "soft.npz")
     again = Estimate.load(tmp_path / "soft.npz")
@@ -135,7 +135,7 @@ def test_one_action_of_soft_fingertips_leaves_no_path_of_rigid_ones(foreign, box
     file = foreign / f"box_{box}_default.npz"
     data, scene = Measurements.load(file), Scene.load(file)
     data = data.select(data.action[:1])
-    soft = replace(scene, compliance=COMPLIANCE / (scene.mass * G) / 2)
+    soft = replace(scene, compliance=COMPLIANCE_SIGMA / (scene.mass * G) / 2)
     known = solve_estimate(data, soft, throw=False)
     found = solve_estimate(data, scene, throw=False)
     assert found.fit.verdict == "good"
@@ -149,9 +149,9 @@ def test_compliance_is_held_at_its_guess_before_it_is_free(two_actions):
     soft = replace(job, reductions=replace(job.reductions, rigid=False))
     *held, last = levels_of(soft)
     assert held
-    assert all(NAME in level.fixed for level in held)
+    assert all(COMPLIANCE in level.fixed for level in held)
     assert not last.fixed
-    assert not any(NAME in k.fixed for k in levels_of(job))
+    assert not any(COMPLIANCE in k.fixed for k in levels_of(job))
 
 
 @pytest.mark.slow
@@ -190,7 +190,7 @@ def test_derivatives_with_a_free_centre_of_mass_are_those_of_finite_differences(
     free = Reductions(central=False)
     problem, window = programme(violation_implicit, data, scene, free)
     values = true_values(problem, window, truth, np.random.default_rng(3))
-    report = problem.check(values | {CENTRE: np.array([1e-3, -2e-3, 5e-4])})
+    report = problem.check(values | {CENTRE_OF_MASS: np.array([1e-3, -2e-3, 5e-4])})
     balances = [name for name in report.derivatives if name.startswith("balance")]
     for name in (*balances, "centre of mass prior"):
         assert max(report.derivatives[name]) < 1e-5, name
@@ -201,7 +201,7 @@ def test_a_known_centre_of_mass_is_no_unknown(two_actions):
     data, scene, _ = two_actions
     known = replace(scene, sigma_centre=0.0)
     problem, _ = programme(violation_implicit, data, known, Reductions(central=False))
-    assert CENTRE not in problem.variables
+    assert CENTRE_OF_MASS not in problem.variables
 
 
 def test_the_centre_of_mass_stays_the_centroid_where_the_fit_is_good(estimate):
@@ -218,3 +218,14 @@ def test_a_soft_fingertip_tells_less_about_the_next_touch(estimate):
     assert soft[0] == rigid[0]
     assert soft[1] > 1.2 * rigid[1]
     assert soft[2] > 1.2 * rigid[2]
+
+
+@pytest.mark.parametrize("formulation", ["quasi_static", "multiple_shooting", "paper"])
+def test_pages_of_rigid_fingertips_refuse_a_compliance_that_is_told(
+    recorded, formulation
+):
+    data, scene, _ = recorded
+    soft = replace(scene, compliance=1e-3)
+    with pytest.raises(SceneError, match=r"compliance.*violation_implicit"):
+        solve_estimate(data, soft, formulation=formulation)
+    read_request(data, replace(scene, compliance=0.0), "cuboid", formulation)

@@ -151,6 +151,11 @@ class Scene:
         return self.sigma_offset.in_frame_of(self.ground) if has_joints else None
 
     @property
+    def tilt_is_known(self) -> bool:
+        """Whether the ground leans as it was told, or there is none."""
+        return self.ground is None or self.sigma_tilt == 0
+
+    @property
     def typical_offset(self) -> float:
         """The deviation [m] of a coordinate of a finger's offset."""
         if self.joints is None:

@@ -17,7 +17,8 @@ import numpy as np
 from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
-from ..interface.request import Request, check_touched
+from ..interface.checks import check_touched
+from ..interface.request import Request
 from ..local.hypothesis import Hypothesis, distinct
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved

@@ -38,7 +38,7 @@ def programme_at(estimate, shape=None, formulation=None) -> Solved:
     if shape.of_vertices:
         raise OptionError(
             "the problem of a polytope is not built again",
-            where="estimate", got=estimate.shape, expected="a cuboid",
+            where="estimate", got=estimate.shape, expected="a shape with sizes",
             next='ask for kind="exact", which every estimate carries',
         )  # fmt: skip
     job = make_job(estimate.measurements, scene, shape, Options(), monotonic(), page)

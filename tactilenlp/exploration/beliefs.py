@@ -16,8 +16,8 @@ from scipy.linalg import block_diag, eigh
 
 from formulations import between_actions
 from formulations.finger import SPHERE
-from formulations.finger_offset import NAME as OFFSET
 from formulations.likelihood import steepness
+from formulations.names import FINGER_OFFSET
 from formulations.rigid_body import ARM, FREE, PLANAR
 from formulations.violation_implicit import NORMAL, TOUCH
 
@@ -65,7 +65,7 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
     """
     n = shape.theta
     best = np.r_[estimate.theta, estimate.unknowns["x"][:, -1]]
-    offset = estimate.unknowns.get(OFFSET, np.zeros((3, 1))).T
+    offset = estimate.unknowns.get(FINGER_OFFSET, np.zeros((3, 1))).T
     before = prior_matrix(estimate, shape, fingers)
     rest = []
     if not has_free_poses(estimate, shape):  # same end: the better one

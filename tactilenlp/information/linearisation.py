@@ -83,9 +83,8 @@ class Linearisation:
 
         None where it is known, or there is none.
         """
-        scene = self.job.scene
-        exact = scene.ground is None or scene.sigma_tilt == 0
-        if exact or TOUCH_TERM not in self.kkt.problem.costs:
+        touched = TOUCH_TERM in self.kkt.problem.costs
+        if self.job.scene.tilt_is_known or not touched:
             return None
         return ground_tilt(self, self.end * (1, 1, 0))
 

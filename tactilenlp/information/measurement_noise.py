@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formulations.finger_offset import NAME as OFFSET
-from formulations.finger_turn import NAME as TURN
-from formulations.indentation import NAME as COMPLIANCE
 from formulations.names import (
+    COMPLIANCE,
     DEPTH_OF_TOUCH,
+    FINGER_OFFSET,
+    FINGER_TURN,
     INDENTATION,
     NORMAL_SCALE,
     TOUCH_SCALE,
@@ -225,8 +225,8 @@ def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
     touch = window.touch
     values = kkt.problem.unpack(kkt.x)
     p_wf = touch.p_wf.T.copy()
-    if OFFSET in values:
-        p_wf[:3] += values[OFFSET][:, touch.finger]
+    if FINGER_OFFSET in values:
+        p_wf[:3] += values[FINGER_OFFSET][:, touch.finger]
     gap = at_touches(window, values, p_wf, window.finger.gap)[:, 0]
     parameters = kkt.problem.parameters
     if COMPLIANCE in parameters:
@@ -249,8 +249,8 @@ def residual_of_normals(kkt: KKTSystem, window) -> float:
     values = kkt.problem.unpack(kkt.x)
     normal = at_touches(window, values, touch.p_wf.T, window.finger.normal)
     felt = touch.normal
-    if TURN in values:
-        felt = rotate_back(felt, values[TURN].T[touch.finger])
+    if FINGER_TURN in values:
+        felt = rotate_back(felt, values[FINGER_TURN].T[touch.finger])
     off = np.linalg.norm(normal - felt, axis=1)
     return float(np.median(off)) / RAYLEIGH_MEDIAN
 

@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import block_diag
 
-from formulations.finger_offset import NAME as OFFSET
 from formulations.ground_contact import REST
+from formulations.names import FINGER_OFFSET
 from formulations.rigid_body import ARM, LEAST_ARM
 
 from ..geometry.transforms import is_planar, matrices
@@ -195,7 +195,7 @@ def _ways(x, to, before) -> np.ndarray:
 
 def offsets_of(values: dict, R_wg) -> np.ndarray | None:
     """Return by how much each finger is off (F, 3) [m]; None where that is known."""
-    return (R_wg @ values[OFFSET]).T if OFFSET in values else None
+    return (R_wg @ values[FINGER_OFFSET]).T if FINGER_OFFSET in values else None
 
 
 def fields_of_offsets(linearisation: Linearisation, tangent) -> dict:
@@ -206,9 +206,10 @@ def fields_of_offsets(linearisation: Linearisation, tangent) -> dict:
     space, and the page's own offsets (k + 3 F, k + 3 F).
     """
     variables = linearisation.kkt.problem.variables
-    if OFFSET not in variables:
+    if FINGER_OFFSET not in variables:
         return {}
-    own = np.arange(variables[OFFSET].span.start, variables[OFFSET].span.stop)
+    span = variables[FINGER_OFFSET].span
+    own = np.arange(span.start, span.stop)
     turn = np.kron(np.eye(len(own) // 3), linearisation.R_wg)
     chosen = np.r_[tangent.chosen, own]
     jacobian = block_diag(tangent.jacobian, np.eye(len(own)))

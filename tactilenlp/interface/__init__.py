@@ -4,7 +4,8 @@ In: `Measurements`, `Scene`, a shape, a page, `Options`, perhaps an earlier esti
 Out: a `Request` with everything checked; an `Estimate` in the frame of the data.
 
 - `options`: `Options`, `Guess`, `Session`
-- `request`: the checked request, or a typed error before any solve
+- `checks`: what a request is checked for, by typed errors before any solve
+- `request`: the request as it was read
 - `result`: `Estimate`, by name and in SI units
 - `readout`: from a solved page to an `Estimate`, with its information
 """

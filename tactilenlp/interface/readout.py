@@ -8,8 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from formulations.finger_offset import NAME as OFFSET
-from formulations.names import EXACT, FINGER_IMPULSE, GROUND_IMPULSE
+from formulations.names import EXACT, FINGER_IMPULSE, FINGER_OFFSET, GROUND_IMPULSE
 
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
@@ -237,8 +236,8 @@ def information_of_prior(job, solved) -> Information:
         C += REACHED**2 * along @ along.T
     matrix = np.linalg.inv(C)
     offsets = {}
-    if OFFSET in solved.problem.variables:
-        prior = prior_of_offsets(job.scene, solution.values[OFFSET].shape[1])
+    if FINGER_OFFSET in solved.problem.variables:
+        prior = prior_of_offsets(job.scene, solution.values[FINGER_OFFSET].shape[1])
         both = block_diag(matrix, prior)
         turn = np.kron(np.eye(len(prior) // 3), R_wg)
         covariance = turn @ np.linalg.inv(prior) @ turn.T

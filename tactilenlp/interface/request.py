@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formulations.page_contract import contract_of
-
 from ..common.deadline import Deadline
 from ..common.validation import check_types
-from ..data.contact_segments import consecutive_contacts
 from ..data.ground import Ground, frame_of
 from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
@@ -24,14 +20,15 @@ from ..data.sensor_noise import (
     smooth_paths,
     with_sensors_earlier,
 )
-from ..errors import NoContactError, OptionError, SceneError, StartError
+from ..errors import StartError
 from ..geometry.transforms import planar_matrix, rotation_of
 from ..local.hypothesis import Hypothesis
 from ..local.job import FunctionsByPage, Job
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.pages import name_of, page_of, shape_of
-from ..problem.reductions import required_reductions, states_planar_motion
+from ..problem.reductions import required_reductions
 from ..search.proposals_poses import as_polytope
+from .checks import check_executor, check_page, check_touched
 from .options import Guess, Options, Session
 from .result import Estimate
 
@@ -158,73 +155,6 @@ def check_start(start, shape, scene) -> None:
         first_guess(start, shape, frame_of(scene.ground))
 
 
-def check_page(page, shape, scene) -> None:
-    """Raise where a page cannot explain a scene or a shape.
-
-    SceneError for planar motion without a ground, and for finger offsets that it does
-    not estimate; OptionError for planar motion of a body that rolls.
-    """
-    planar = states_planar_motion(page)
-    if planar and scene.ground is None:
-        raise SceneError(
-            "this page is of planar motion only", where="scene.ground", got="None",
-            expected="a ground on which the object slides",
-            next='use formulation="violation_implicit"',
-        )  # fmt: skip
-    if planar and shape.rolls:
-        raise OptionError(
-            "this page is of planar motion only", where="formulation",
-            got=f"{shape.name}, which rolls", expected="a shape with a flat face",
-            next='use formulation="violation_implicit" or "quasi_static"',
-        )  # fmt: skip
-    if scene.sigma_offset is not None and not contract_of(page).offsets:
-        raise SceneError(
-            "this page takes measured finger positions as exact",
-            where="scene.sigma_offset",
-            got=f"an offset with {getattr(page, '__name__', page)!r}",
-            expected="None",
-            next='use formulation="violation_implicit" or "quasi_static", of a cuboid',
-        )
-
-
-def check_executor(executor, shape) -> None:
-    """Raise OptionError unless it is an Executor, and can be sent the shape."""
-    if executor is None:
-        return
-    if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
-        raise OptionError(
-            "no executor", where="executor", got=repr(executor)[:80],
-            expected="one of concurrent.futures, such as ProcessPoolExecutor(2)",
-        )  # fmt: skip
-    try:
-        pickle.dumps(shape)
-    except (pickle.PicklingError, AttributeError, TypeError) as bad:
-        raise OptionError(
-            "other processes cannot be sent this shape", where="shape",
-            got=f"{shape.name}: {bad}", expected="functions that `import` finds",
-            next="define them in a file of their own, or leave executor out",
-        ) from bad  # fmt: skip
-
-
-def check_touched(data) -> None:
-    """Raise NoContactError unless a finger felt contact for two samples in a row.
-
-    A single sample cannot be told from a flipped boolean.
-    """
-    if consecutive_contacts(data).any():
-        return
-    single = int(data.contact.sum())
-    if single:
-        what = "no touch lasts: those of one sample are not used, as flipped booleans"
-        fix = "press for longer, or record at a higher rate"
-    else:
-        what, fix = "nothing was touched", "record an action that meets the object"
-    raise NoContactError(
-        what, where="contact", got=f"{single} single samples" if single else "none",
-        expected="a finger in contact for at least two samples in a row", next=fix,
-    )  # fmt: skip
-
-
 def first_guess(start, shape, ground: Ground) -> Hypothesis | None:
     """Return a user's guess as the search takes it: one planar pose; or None.
 
@@ -267,7 +197,8 @@ def hypotheses_to_continue(start, shape, scene, data) -> list[Hypothesis]:
     """Return the hypotheses of an earlier estimate, to continue from.
 
     Where that ends within an action which goes on, this action is fitted again. A
-    polytope may start from an estimate of any shape, with its vertices and poses.
+    polytope may start from an estimate of any shape, with its vertices and poses (where
+    classes are compared, from one of a polytope alone: refinement/model_selection.py).
     """
     if isinstance(start, Guess):
         if shape.of_vertices:

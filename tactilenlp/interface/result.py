@@ -7,9 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from formulations.centre_of_mass import NAME as CENTRE
-from formulations.finger_turn import NAME as TURN
-from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import CENTRE_OF_MASS, COMPLIANCE, FINGER_TURN
 from formulations.rigid_body import G
 
 from ..common.brief import printed, same_content
@@ -203,14 +201,14 @@ class Estimate:
 
         By which every measured normal is turned; None where sensors are aligned.
         """
-        if TURN not in self.unknowns:
+        if FINGER_TURN not in self.unknowns:
             return None
-        return self._from_ground(self.unknowns[TURN].T)
+        return self._from_ground(self.unknowns[FINGER_TURN].T)
 
     @property
     def centre_of_mass(self) -> np.ndarray:
         """Offset (3,) [m] from the centroid, body frame; zero where that is fixed."""
-        offset = self.unknowns.get(CENTRE, np.zeros(3)).ravel()
+        offset = self.unknowns.get(CENTRE_OF_MASS, np.zeros(3)).ravel()
         # The axes of a polytope are the ground's in the page, the world's here.
         return self._from_ground(offset) if is_hull(self) else offset
 

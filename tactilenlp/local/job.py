@@ -20,7 +20,11 @@ from ..data.scene import Scene
 from ..data.sensor_noise import Precision, latency_cost, with_sensors_earlier
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
-from ..problem.reductions import Reductions, window_of_samples
+from ..problem.reductions import (
+    Reductions,
+    required_reductions,
+    window_of_samples,
+)
 from ..problem.window import Window
 from .hypothesis import Hypothesis
 
@@ -95,17 +99,21 @@ class Job:
         return replace(self, reductions=replace(self.reductions, **made))
 
     def fixes(self, name: str) -> bool:
-        """Tell whether a parameter is fixed by assumption, and the page may free it.
+        """Tell whether something unknown is assumed, and the page may free it.
 
-        name: of its reduction, "rigid", "central" or "aligned".
+        name: of the assumption, one of those that a page may name in FREED.
         """
-        unknown = {
-            "rigid": self.scene.compliance is None,
-            "central": self.scene.sigma_centre > 0,
-            "aligned": True,
+        scene = self.scene
+        made = required_reductions(self.page, self.reductions)
+        assumed = {
+            "rigid": made.rigid and scene.compliance is None,
+            "central": made.central and scene.sigma_centre > 0,
+            "aligned": made.aligned,
+            "planar": made.planar and scene.ground is not None,
+            "level": not scene.tilt_is_known,
+            "prompt": scene.latency is None,
         }
-        freed = name in self.contract.freed
-        return unknown[name] and getattr(self.reductions, name) and freed
+        return assumed[name] and name in self.contract.freed
 
     def of_data(self, change) -> Job:
         """Return the job of other data: change(Measurements) of these."""
@@ -184,7 +192,7 @@ def prior_cost_of(scene: Scene, sensors: Precision) -> float:
     The tilt is against the ground that was told.
     """
     late = latency_cost(scene, sensors)
-    if scene.ground is None or scene.ground.told is None or scene.sigma_tilt == 0:
+    if scene.tilt_is_known or scene.ground.told is None:
         return late
     tilt = np.sum((scene.ground.tilt / scene.sigma_tilt) ** 2)
     return late + float(heavy_tailed(tilt, 2))

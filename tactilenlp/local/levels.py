@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import COMPLIANCE
 
 HELD_ITERATIONS = 20  # of a level that holds poses
 FREED_ITERATIONS = 20  # of the same level with nothing held

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from formulations.finger_offset import NAME as OFFSET
-from formulations.indentation import NAME as COMPLIANCE
+from formulations.names import COMPLIANCE, FINGER_OFFSET
 
 from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
@@ -71,8 +70,8 @@ class BuiltPage:
         check_unknowns(self.problem, h.theta, x)
         theta = self.problem.variables["theta"]
         values = {"theta": h.theta.reshape(theta.columns, theta.rows).T, "x": x}
-        if h.offset is not None and OFFSET in self.problem.variables:
-            values[OFFSET] = h.offset
+        if h.offset is not None and FINGER_OFFSET in self.problem.variables:
+            values[FINGER_OFFSET] = h.offset
         return values
 
     def solve(
@@ -171,7 +170,7 @@ class Solved:
             self.hypothesis,
             theta=values["theta"].T.ravel(),
             x=values["x"][:, self.window.pose],
-            offset=values.get(OFFSET),
+            offset=values.get(FINGER_OFFSET),
             compliance=None if c is None else float(c.item()),
             objective=self.solution.objective,
         )

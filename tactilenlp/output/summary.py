@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from formulations.centre_of_mass import NAME as CENTRE
 from formulations.names import (
+    CENTRE_OF_MASS,
     LATE_NORMALS,
     RADIUS_OF,
     ROUNDED_EDGES,
@@ -98,7 +98,7 @@ def nuisances_in_words(estimate) -> Iterator[str]:
         turns = np.degrees(np.linalg.norm(estimate.finger_turn, axis=1))
         each = (f"finger {f} by {turn:.1f} deg" for f, turn in enumerate(turns))
         yield f"The sensors' normals are turned: {', '.join(each)}."
-    if CENTRE in estimate.unknowns:
+    if CENTRE_OF_MASS in estimate.unknowns:
         x, y, z = MM_PER_M * estimate.centre_of_mass
         yield (
             f"The centre of mass is off the centroid by ({x:.1f}, {y:.1f}, {z:.1f}) mm "

@@ -17,8 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formulations.finger_turn import NAME as TURN
-from formulations.names import INDENTATION, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
+from formulations.names import (
+    FINGER_TURN,
+    INDENTATION,
+    NORMAL_SCALE,
+    TOUCH_SCALE,
+    TOUCH_TERM,
+)
 
 from ..errors import MotionError
 from ..geometry.transforms import rotate_back
@@ -68,8 +73,8 @@ def with_ideal_fingertips(solved: Solved) -> Window:
     window, problem, solution = solved.window, solved.problem, solved.solution
     touch = window.touch
     p_wf, n = touch.p_wf.copy(), touch.normal
-    if TURN in solution.values:
-        n = rotate_back(n, solution.values[TURN].T[touch.finger])
+    if FINGER_TURN in solution.values:
+        n = rotate_back(n, solution.values[FINGER_TURN].T[touch.finger])
     if INDENTATION in problem.reports:
         x, data = solution.at(problem)
         p_wf[:, :3] += problem.value(INDENTATION, x, data) * n

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations.centre_of_mass import NAME as CENTRE
-from formulations.names import GROUND
+from formulations.names import CENTRE_OF_MASS, GROUND
 
 from ..geometry.transforms import is_planar, matrices, rotvecs
 from ..information.mixture import relabellings
@@ -117,7 +116,7 @@ def _with_renamed_axes(shape, solved, order, S) -> Solved:
 
     def relabelled(values) -> dict:
         ground = {k: values[k][:, rows] for k in (GROUND,) if k in values}
-        centre = {k: S.T @ values[k] for k in (CENTRE,) if k in values}
+        centre = {k: S.T @ values[k] for k in (CENTRE_OF_MASS,) if k in values}
         return values | ground | centre | {"theta": values["theta"][order]}
 
     multipliers = {

@@ -33,7 +33,7 @@ from .profile_likelihood import (
     profile_deviations,
     untouched_height_sigma,
 )
-from .rocking_body import explains_touches, may_tilt, with_tilt
+from .rocking_body import explains_touches, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -89,7 +89,7 @@ def with_height_open(flat) -> Solved:
     told = untouched_height_sigma(flat)
     if told is None or told >= VAGUE_SHARE * flat.job.shape.typical_deviation:
         return flat
-    if not may_tilt(flat.job) or flat.job.deadline.passed("a height left open"):
+    if not flat.job.fixes("planar") or flat.job.deadline.passed("a height left open"):
         return flat
     free = flat.job.with_reductions(planar=False)
     tilted = restore_reductions(freed_to_tilt(free, flat))

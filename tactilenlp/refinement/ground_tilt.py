@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations.finger_turn import NAME as TURN
-from formulations.finger_turn import TURN as PRIOR_TURN
+from formulations.finger_turn import TURN_SIGMA
+from formulations.names import FINGER_TURN
 
 from ..information.consider_parameters import ground_tilt
 from ..information.mixture import occam_of
@@ -35,7 +35,7 @@ def with_ground_tilt(solves) -> list[Solved]:
     If the ground is turned, solves far from the best are dropped.
     """
     level = best = solves[0]
-    if not (ground_may_tilt(level.job) and best.solution.success):
+    if not (level.job.fixes("level") and best.solution.success):
         return solves
     touches = misfit_of(best)
     needed = needed_gain(touches.spread)
@@ -58,9 +58,9 @@ def with_ground_for_turns(solves) -> list[Solved]:
     turns (formulations/finger_turn.py) where its evidence is larger.
     """
     best, job = solves[0], solves[0].job
-    if TURN not in best.solution.values or not best.solution.success:
+    if FINGER_TURN not in best.solution.values or not best.solution.success:
         return solves
-    if not ground_may_tilt(job):
+    if not job.fixes("level"):
         return solves
     ground = job.scene.ground.turned(_common_turn(best), _below_first_touches(best))
     aligned = job.with_reductions(aligned=True)
@@ -69,7 +69,7 @@ def with_ground_for_turns(solves) -> list[Solved]:
         return solves
     leans = replace(leans, declined=best.declined)
     leans = _tilt_by_steps(leans, UNCHANGED)
-    occam = occam_of(best.kkt, TURN)
+    occam = occam_of(best.kkt, FINGER_TURN)
     if leans.cost > best.cost + occam:
         return solves
     log.info("not the sensors are turned, the ground leans by %s rad",
@@ -83,9 +83,9 @@ def _common_turn(solved: Solved) -> np.ndarray:
     Weighted by what touches tell of each: a finger's turn about the normals that it
     felt is told by its prior alone.
     """
-    w = solved.solution.values[TURN].T.ravel()
+    w = solved.solution.values[FINGER_TURN].T.ravel()
     information = (
-        np.linalg.inv(solved.kkt.marginal(TURN)) - np.eye(len(w)) / PRIOR_TURN**2
+        np.linalg.inv(solved.kkt.marginal(FINGER_TURN)) - np.eye(len(w)) / TURN_SIGMA**2
     )
     alike = np.tile(np.eye(3)[:, :2], (len(w) // 3, 1))
     weight = alike.T @ (information + information.T) / 2
@@ -110,13 +110,6 @@ def _tilt_by_steps(best: Solved, needed) -> Solved:
             break
         best = again
     return best
-
-
-def ground_may_tilt(job) -> bool:
-    """Tell whether the ground may lean, and a page be solved on another one."""
-    scene = job.scene
-    fixed = scene.ground is None or scene.sigma_tilt == 0
-    return not fixed and "level" in job.contract.freed
 
 
 def _below_first_touches(solved: Solved):

@@ -1,8 +1,8 @@
 """Incremental update: the solution of an estimate starts the page of more actions.
 
 Values and multipliers of the actions that were solved are kept.  The new actions begin
-as a search continues the posterior: of a box, from few of its tracks; of a polytope, as
-incremental_polytope.py says.
+as a search continues the posterior: of a shape with sizes, from few of its tracks; of a
+polytope, as incremental_polytope.py says.
 """
 
 from __future__ import annotations

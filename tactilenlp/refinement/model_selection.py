@@ -116,7 +116,10 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
 
 
 def _starts_from(start, shape) -> bool:
-    """Tell whether a class may start from an Estimate or a Guess, which fits it."""
+    """Tell whether a class that is compared starts from an Estimate or a Guess.
+
+    From one of its own class alone, so that evidence is of independent searches.
+    """
     if isinstance(start, Guess):
         return not shape.of_vertices and len(start.side_lengths) == shape.theta
     return getattr(start, "shape", None) == shape.name

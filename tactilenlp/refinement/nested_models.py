@@ -21,10 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from formulations.centre_of_mass import NAME as CENTRE
-from formulations.finger_turn import NAME as TURN
-from formulations.indentation import NAME as COMPLIANCE
-from formulations.names import TOUCH_TERM
+from formulations.names import CENTRE_OF_MASS, COMPLIANCE, FINGER_TURN, TOUCH_TERM
 
 from ..information.goodness_of_fit import NOTHING, Misfit
 from ..information.linearisation import kkt_residual
@@ -115,7 +112,7 @@ def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
         freed = [warm_started(larger, best, FREED_MU)]
     if not freed:
         return solves
-    if nuisance.unknown == TURN and job.shape.faced:
+    if nuisance.unknown == FINGER_TURN and job.shape.faced:
         freed = _with_open_height(larger, freed)
     gain, needed = _gain_and_need(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
@@ -234,7 +231,7 @@ def wald(solved: Solved, unknown: str) -> float:
 
 NUISANCES = {  # by reduction, in the order in which they are freed
     "aligned": Nuisance(
-        TURN, "turn of the fingers' normals",
+        FINGER_TURN, "turn of the fingers' normals",
         "sensors are aligned unless data say so", True, gain_with_others_held,
     ),
     "rigid": Nuisance(
@@ -242,7 +239,7 @@ NUISANCES = {  # by reduction, in the order in which they are freed
         "they are rigid unless data say so", True, None,
     ),
     "central": Nuisance(
-        CENTRE, "offset of the centre of mass",
+        CENTRE_OF_MASS, "offset of the centre of mass",
         "it is the centroid unless data say so", False, score,
     ),
 }  # fmt: skip

@@ -104,9 +104,10 @@ def solve_from_estimate(job, start) -> list[Solved]:
 
 
 def update_costs_too_much(request, best: Solved) -> bool:
-    """Tell whether an update of a box costs more than its new actions should.
+    """Tell whether an update costs more than its new actions should.
 
-    The posterior that it started from no longer contained the right trajectory.
+    Of a shape with sizes.  The posterior that it started from no longer contained the
+    right trajectory.
     """
     start, job = request.start, request.job
     if job.shape.of_vertices or not continues(start, job):

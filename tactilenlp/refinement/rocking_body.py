@@ -33,7 +33,6 @@ from ..local.local_solve import freed_to_tilt, solved_from
 from ..local.solved import Solved, best_first
 from ..problem.outliers import with_ideal_fingertips
 from ..problem.poses import body_corners
-from ..problem.reductions import required_reductions
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 
 log = logging.getLogger("tactilenlp")
@@ -44,7 +43,7 @@ AS_IT_BEGINS = 1e-3  # [TILT_CHANGE] deviation of the tilt as an action begins
 def with_tilt(best: Solved) -> Solved:
     """Return the page in free motion where data ask for it, or the flat solve."""
     job = best.job
-    if not (may_tilt(job) and best.solution.success):
+    if not (job.fixes("planar") and best.solution.success):
         return best
     touches = misfit_of(best)
     needed = needed_gain(touches.spread)
@@ -73,12 +72,6 @@ def explains_touches(solved: Solved) -> bool:
     return solved.solution.success and touches.excess <= touches.limit
 
 
-def may_tilt(job) -> bool:
-    """Tell whether a body slides flat by assumption, and a page can let it tilt."""
-    made = required_reductions(job.page, job.reductions).planar
-    return made and job.scene.ground is not None and "planar" in job.contract.freed
-
-
 def tilted_by_normals(flat: Solved) -> Hypothesis:
     """Return a planar optimum in free motion, tilted as the felt normals tell.
 
@@ -89,7 +82,7 @@ def tilted_by_normals(flat: Solved) -> Hypothesis:
         return flat.at
     theta, window = flat.at.theta, with_ideal_fingertips(flat)
     x = planar_to_free(theta, flat.solution.values["x"], shape)
-    tilt = _tilts(shape, theta, x, window)
+    tilt = felt_tilts(shape, theta, x, window)
     turns = Rotation.from_rotvec(np.vstack([tilt, 0 * tilt[:1]]).T)
     turns = turns * Rotation.from_rotvec(x[3:].T)
     corners = turns.as_matrix() @ body_corners(shape, theta).T
@@ -98,11 +91,11 @@ def tilted_by_normals(flat: Solved) -> Hypothesis:
     return replace(flat.at, x=x[:, window.pose])
 
 
-def _tilts(shape, theta, x, window) -> np.ndarray:
+def felt_tilts(shape, theta, x, window) -> np.ndarray:
     """Return the tilts (2, poses) [rad] of planar poses x, as free ones (6, poses)."""
     touch, step, poses = window.touch, window.step, window.poses
     sigma, rests = np.hypot(NORMAL, window.sigma_normal), np.r_[0, window.gap.pose]
-    normals, slopes = _normals(shape, window.finger, touch.p_wf.shape)
+    normals, slopes = normals_and_slopes(shape, window.finger, touch.p_wf.shape)
     arguments = np.repeat(theta[:, None], len(touch), 1), x[:, touch.pose]
     fingers = touch.p_wf.T, touch.radius[None]
     kept = eye(poses, format="csr")
@@ -130,7 +123,7 @@ def _tilts(shape, theta, x, window) -> np.ndarray:
     return fit.x.reshape(2, poses)
 
 
-def _normals(shape, finger, of) -> tuple:
+def normals_and_slopes(shape, finger, of) -> tuple:
     """Return functions of the normals (3, touches) of tilted poses, and their slopes.
 
     theta, flat pose x (6,), tilt (2,), finger and radius -> normal, slopes (3, 2).

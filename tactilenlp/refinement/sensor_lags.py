@@ -62,7 +62,7 @@ def with_lags(solves) -> list[Solved]:
     If a lag changes, solves far from the best are dropped.
     """
     for name, lag in LAGS.items():
-        if may_be_late(solves[0].job) and solves[0].solution.success:
+        if solves[0].job.fixes("prompt") and solves[0].solution.success:
             solves = _with_lag(name, lag, solves)
     return solves
 
@@ -96,11 +96,6 @@ def lost_by_latency(job, best: Solved) -> bool:
     new = best.job.precision.latency > job.precision.latency == 0
     fits = best.fit is not None and best.fit.verdict == "good"
     return new and not fits and job.search.hypothesis is None
-
-
-def may_be_late(job) -> bool:
-    """Tell whether the latency is not told, and a page be solved with another one."""
-    return job.scene.latency is None and "prompt" in job.contract.freed
 
 
 def _needed_for_lag(lag: Lag, prompt: Solved, known: ConsiderParameter) -> float:

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from formulations.indentation import COMPLIANCE, told
+from formulations.indentation import COMPLIANCE_SIGMA, told
 
 from ..data.scene import typical_friction
 from ..problem.fingertips import yields
@@ -42,7 +42,7 @@ def compliances_of(job, known: float | None = None) -> dict[float, float]:
         return {told(scene): 0.0}
     if known is not None:
         return {known: 0.0}
-    return {k * COMPLIANCE: k**2 / 2 for k in SOFTNESS}
+    return {k * COMPLIANCE_SIGMA: k**2 / 2 for k in SOFTNESS}
 
 
 def as_of_rigid_fingertips(job, compliance: float | None):
