@@ -95,12 +95,12 @@ def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
         off = ca.vertcat(force, moment / ARM) / step.w
         return ca.vertcat(slack - off, slack + off)
 
-    def compliance(w):  # to one weight in x, y, z, and about each at ARM
+    def response(w):  # to one weight in x, y, z, and about each at ARM
         return ca.vertcat(-ca.DM.eye(6), ca.DM.eye(6)) + 0 * w
 
     for count, s, contacts in groups(window, pushes, corners):
         name = f"balance, {count} pushing"
-        nlp.report(name + names.GIVES, compliance, w[s])
+        nlp.report(name + names.RESPONSE, response, w[s])
         nlp.subject_to(
             name, imbalance, moves(window, theta, x, w[s], s), centre, slack, *contacts,
             lower=0,

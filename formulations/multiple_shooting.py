@@ -20,7 +20,7 @@ from .between_actions import add_coasting
 from .friction import friction
 from .level import Level
 from .likelihood import add_free, add_touches
-from .names import FINGER_FRICTION, FINGER_IMPULSE, GIVES, GROUND_FRICTION
+from .names import FINGER_FRICTION, FINGER_IMPULSE, GROUND_FRICTION, RESPONSE
 from .rigid_body import G, declare_poses, momentum_change, steps_of, uniform
 from .size_prior import add_size_prior, declare_sizes
 from .sliding_contact import Pusher
@@ -55,8 +55,8 @@ def build(nlp, window, scene, shape):
     v_eps = nlp.parameter("speed rounding", STEP_V_EPS, "m/s")
     step, push = window.step, window.push
 
-    def compliance(*step):
-        return ca.diag(1 / x.scale) @ body.gives(*step)
+    def response(*step):
+        return ca.diag(1 / x.scale) @ body.impulse_response(*step)
 
     for count, g in window.groups.items():
         s, at = g.steps, g.pushes.T
@@ -67,7 +67,7 @@ def build(nlp, window, scene, shape):
             v_eps, *fingers,
         )  # fmt: skip
         nlp.follow(name, body.step, *begun, gives=end)
-        nlp.report(name + GIVES, compliance, end, *begun)
+        nlp.report(name + RESPONSE, response, end, *begun)
     reports(nlp, window, scene, shape, body, theta, x, mu)
 
 

@@ -68,7 +68,7 @@ class Sliding:
             x -= ca.inv_minor(A) @ balance(x, v_eps, *inputs)
         return x
 
-    def gives(self, x, theta, x_1, x_2, dt, mu, mu_g, v_eps, *fingers):
+    def impulse_response(self, x, theta, x_1, x_2, dt, mu, mu_g, v_eps, *fingers):
         """Return by how much the end x (3,) of a step gives way to an impulse (3, 3).
 
         For one weight in x, in y, and about yaw at ARM: the inverse slope of F.

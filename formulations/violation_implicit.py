@@ -37,7 +37,7 @@ Departures from the printed equations:
                            (UNFELT) in place of dissipation
   unseen                   a finger whose sample is missing may push: dissipation,
                            complementarity of its gap, non-penetration; as hard as
-                           before and after, unless data say else
+                           before and after, where a change has a cost
   rest                     an action starts at rest: all low corners on the ground
   least impulse            makes unique how four corners share a load
 """
@@ -56,7 +56,7 @@ from .names import FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
 from .rigid_body import G, declare_poses
 from .size_prior import add_size_prior, declare_sizes
 
-FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # if data ask
+FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # by evidence
 OFFSETS = True  # of fingers may be unknown
 ALIKE = True  # functions of terms depend on page, shape, scene and motion
 LEVELS = (

@@ -111,7 +111,8 @@ def test_a_replaced_balance_is_not_said_to_give_way_as_that_of_the_page(two):
     names = problem_of(*two, "complementarity").reports.keys()
     page = extend("complementarity", replace={"balance": lambda *_: 0.0})
     left = problem_of(*two, page).reports.keys()
-    assert names - left == {name for name in names if name.endswith(", gives")} != set()
+    responses = {name for name in names if name.endswith(", impulse response")}
+    assert names - left == responses != set()
 
 
 def test_added_terms_read_displaced_fingers(two):

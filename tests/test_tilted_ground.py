@@ -105,11 +105,9 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
     class Solution:
         success = True
 
-    page = SimpleNamespace(freed=("level",))
-
     class Solved:
         solution = Solution()
-        job = SimpleNamespace(scene=Scene(), contract=page)
+        job = SimpleNamespace(fixes=lambda name: name == "level")
 
     where = "tactilenlp.refinement.ground_tilt.misfit_of"
     monkeypatch.setattr(where, lambda solved: Misfit(1.0, 0.0, 3.0))

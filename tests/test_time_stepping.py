@@ -198,10 +198,8 @@ def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
     z = np.concatenate([SIDES, x_1, x_2])
     data = np.concatenate([[dt, 0.5, MU_G, STEP_V_EPS], *finger[:2], [RHO]])
     x = evaluated(step, "first", z, data)[0].ravel()
-    way = (
-        np.asarray(ca.evalf(BODY.gives(x, *known, STEP_V_EPS, Pusher(*finger))))
-        @ impulse
-    )
+    response = BODY.impulse_response(x, *known, STEP_V_EPS, Pusher(*finger))
+    way = np.asarray(ca.evalf(response)) @ impulse
     balance, slope, _ = step_functions(BODY, 1)
     moved = x.copy()
     for _ in range(20):

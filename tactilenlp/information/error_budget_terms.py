@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formulations.names import BALL, FINGER, GIVES, GROUND_GAP
+from formulations.names import BALL, FINGER, GROUND_GAP, RESPONSE
 from formulations.violation_implicit import BALANCE_SIGMA
 
 from ..geometry.convex_hull import SIGMA_INSIDE
@@ -39,22 +39,23 @@ REGULARISATION = 1e-9  # [-] of the covariance of g, singular where vertices coi
 
 def curvature_of_costs(kkt: KKTSystem, by_gradient, names) -> np.ndarray:
     """Return the covariance (k, k) if the curvature of these terms is their error."""
-    return positive_part(by_gradient.T @ (kkt.hessian(names) @ by_gradient))
+    return positive_semidefinite(by_gradient.T @ (kkt.hessian(names) @ by_gradient))
 
 
 def missing_impulses(kkt: KKTSystem, by_constraint) -> np.ndarray:
     """Return the covariance (k, k) if hard balances miss impulses of BALANCE_SIGMA.
 
-    A page reports how such a constraint moves by one weight, "<its name>, gives".
+    A page reports how such a constraint moves by an impulse of one weight,
+    "<its name>, impulse response".
     """
     problem, total = kkt.problem, np.zeros((by_constraint.shape[1],) * 2)
     for name, term in problem.constraints.items():
-        if name + GIVES not in problem.reports:
+        if name + RESPONSE not in problem.reports:
             continue
         n, m = term.instances, term.function.rows
-        gives = problem.value(name + GIVES, kkt.x, kkt.data).reshape(n, -1, m)
+        response = problem.value(name + RESPONSE, kkt.x, kkt.data).reshape(n, -1, m)
         rows = by_constraint[term.span].reshape(n, m, -1)
-        change = (gives @ rows).reshape(-1, len(total))
+        change = (response @ rows).reshape(-1, len(total))
         total += BALANCE_SIGMA**2 * change.T @ change
     return total
 
@@ -92,10 +93,10 @@ def negative_curvature(C) -> np.ndarray:
     The data do not determine these directions; no error enters there, so that the
     sandwich alone would take them for known.
     """
-    return positive_part(-C)
+    return positive_semidefinite(-C)
 
 
-def positive_part(M, least: float = 0.0) -> np.ndarray:
+def positive_semidefinite(M, least: float = 0.0) -> np.ndarray:
     """Return a symmetric matrix without eigenvalues below the least."""
     values, vectors = np.linalg.eigh((M + M.T) / 2)
     return (vectors * np.maximum(values, least)) @ vectors.T

@@ -37,7 +37,12 @@ from formulations.rigid_body import ARM
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
 from .error_budget import PRIORS
-from .error_budget_terms import ANY_ROTATION, REACHED, bounded_pose, positive_part
+from .error_budget_terms import (
+    ANY_ROTATION,
+    REACHED,
+    bounded_pose,
+    positive_semidefinite,
+)
 from .tangent_space import TangentSpace, rotations, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
@@ -181,7 +186,7 @@ def occam_of_vertices(covariance, held) -> float:
     tell them apart.  covariance (3 V, 3 V) by the Hessian; held (3 V, 3 V): what holds
     them before the data (PRIORS), of which they lie within REACHED at least.
     """
-    prior = positive_part(held, least=1 / REACHED**2)
+    prior = positive_semidefinite(held, least=1 / REACHED**2)
     lost, directions = occam_factor(covariance, prior)
     V, k = len(held) / 3, directions / 3
     return float(lost - gammaln(V + 1) + gammaln(V - k + 1))

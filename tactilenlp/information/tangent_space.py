@@ -25,6 +25,7 @@ KNOWN_SIZE = 0.1  # [prior deviations] a size with a smaller deviation is observ
 OPEN_POSITION = 0.05  # [m] a position with a larger deviation is not observed
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
 LEAST_VARIANCE = 1e-12  # [-] of the others: a direction below is known exactly
+VERTEX_STEP = 1e-6  # [m] of a difference quotient by a vertex
 OPEN_ROTATION = np.radians(45)  # a rotation with a larger deviation is not observed
 
 
@@ -79,7 +80,7 @@ def tangent_space_of(problem, solution, window, R_wg) -> TangentSpace:
         quantities = {name: J @ back for name, J in quantities.items()}
         at, R = np.r_[at[:n], R_wg @ p[-1], np.zeros(3)], R_wg @ R
         first, up = R_wg @ first, R_wg[:, 2]
-    still = np.all(np.abs(rotation) < 1e-12, axis=1)
+    still = np.all(np.abs(rotation) < LEAST_SIGMA, axis=1)
     rotation[still] = np.nan
     fixed = [f"rotation {w}" for w, held in zip(AXES, still, strict=True) if held]
     if motion.name == "planar" and not fixed:
@@ -106,7 +107,7 @@ def tangent_space_of_hull(problem, solution, R_wg) -> TangentSpace:
 
 def slope_of_centroid(vertices) -> np.ndarray:
     """Return how the hull's centroid follows its vertices, (3, 3 V), by differences."""
-    step, slopes = 1e-6, []
+    step, slopes = VERTEX_STEP, []
     for i in range(vertices.size):
         changed = vertices.copy().ravel()
         changed[i] += step

@@ -20,12 +20,15 @@ from ..information.measurement_noise import KNOWN_FACE
 from ..information.mixture import relabellings
 from ..tracking.surface import supports, trajectory_outline
 from ..tracking.tracks import diverse
+from .margins import ranked
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
 EVERY = 8  # samples of a trajectory that are compared
-# [m] far trajectories; [nats] their bonus; too far behind:
-NEAR, WORTH, BEHIND = 4e-3, 6.0, 25.0
+# Starts that are far from each other (by trial on the shared boxes, as margins.py):
+FAR_APART = 4e-3  # [m] root mean square distance of trajectories that count as far
+FAR_BONUS = 6.0  # [nats] that a trajectory as far from those chosen may cost more
+HOPELESS_START = 25.0  # [nats] behind the best
 
 
 @printed
@@ -62,7 +65,7 @@ class Hypothesis:
     @property
     def rank(self) -> float:
         """The objective to sort by, rounded: of symmetric twins the first one wins."""
-        return round(self.objective, 3)
+        return ranked(self.objective)
 
     @property
     def end(self) -> np.ndarray:
@@ -111,7 +114,7 @@ def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     """
     far = far_apart(shape, hypotheses, count - count // 2)
     rest = [h for h in hypotheses if all(h is not other for other in far)]
-    rest = [h for h in rest if h.objective < far[0].objective + BEHIND]
+    rest = [h for h in rest if h.objective < far[0].objective + HOPELESS_START]
     order = [*far, *sorted(rest, key=lambda h: h.objective)]
     yaw = np.array([h.x[2, -1] for h in order])
     chosen = diverse(_modulo_turns(shape, yaw), count).tolist()
@@ -138,10 +141,10 @@ def far_apart(shape, hypotheses, count: int) -> list[Hypothesis]:
     while len(chosen) < min(count, len(cost)):
         ways = outlines[chosen[-1]] - outlines
         off = np.minimum(off, np.sqrt((ways**2).sum(axis=2).mean(axis=(1, 2))))
-        score = cost - WORTH * np.minimum(1.0, off / NEAR)
+        score = cost - FAR_BONUS * np.minimum(1.0, off / FAR_APART)
         score[chosen] = np.inf
         i = int(np.argmin(score))
-        if cost[i] > cost[chosen[0]] + BEHIND or not np.isfinite(score[i]):
+        if cost[i] > cost[chosen[0]] + HOPELESS_START or not np.isfinite(score[i]):
             break
         chosen.append(i)
     return [hypotheses[i] for i in chosen]

@@ -32,7 +32,7 @@ from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
 from .hypothesis import Hypothesis
 from .job import Job
-from .margins import DECISIVE, NEGLIGIBLE
+from .margins import DECISIVE, NEGLIGIBLE, ranked
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page
@@ -140,7 +140,7 @@ class Solved:
         """
         favour = DECISIVE * self.hypothesis.closed
         cost = self.cost + (self.occam if self.solution.success else 0.0)
-        return not self.solution.success, round(cost, 3) - favour
+        return not self.solution.success, ranked(cost) - favour
 
     @cached_property
     def occam(self) -> float:

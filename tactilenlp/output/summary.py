@@ -173,7 +173,7 @@ def orientation_of(estimate) -> str:
     yaw = np.degrees(yaw_of(estimate))
     off = np.degrees(estimate.information.sigma("rotation"))
     off = off[2] if estimate.reductions["planar"] else np.nanmax(off)
-    if off == 0.0:  # a hull has no axes of its own
+    if is_hull(estimate):  # it has no axes of its own
         return "with the axes of the world"
     if off > UNOBSERVED_TURN:
         return "orientation not observed"

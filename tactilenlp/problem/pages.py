@@ -12,7 +12,7 @@ from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
-from formulations.names import EXACT, GIVES
+from formulations.names import EXACT, RESPONSE
 from formulations.page_contract import INHERITED, NO_REDUCTIONS, contract_of
 from formulations.polytope import polytope
 from formulations.shape import CUBOID, Shape
@@ -246,7 +246,7 @@ class _Edited:
 
     def report(self, name, function, *arguments):
         """Add a report, unless it is about a term that is omitted or another one."""
-        if self._key_of(name.removesuffix(EXACT).removesuffix(GIVES)) is None:
+        if self._key_of(name.removesuffix(EXACT).removesuffix(RESPONSE)) is None:
             self._nlp.report(name, function, *arguments)
 
     def _key_of(self, name) -> str | None:

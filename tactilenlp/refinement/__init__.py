@@ -7,7 +7,7 @@ order in which an estimate (estimation/solver.py, optima.py) calls them:
 - `incremental`: one more action of a shape with sizes, from few starts
 - `refinement`: multistart from the promising hypotheses
 - `sensor_lags`, `ground_tilt`: late sensors, a ground that leans, by Newton steps
-- `nested_models`: turned sensors, compliance or centre of mass if data ask
+- `nested_models`: turned sensors, compliance or centre of mass if evidence favours them
 - `model_selection`: the most probable optimum, the likeliest class
 - `axis_names`: the order of a box's axes; pages that tell them apart
 - `certification`: what reductions left out is checked, and restored where needed;

@@ -30,7 +30,7 @@ MAX_TILTS = 4  # Newton steps on the tilt of the ground
 
 
 def with_ground_tilt(solves) -> list[Solved]:
-    """Return solves, best first, on the ground that the touches tell of.
+    """Return solves, best first, on a tilted ground where evidence favours it.
 
     If the ground is turned, solves far from the best are dropped.
     """

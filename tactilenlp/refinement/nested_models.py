@@ -1,4 +1,4 @@
-"""Free what a page holds fixed where the data ask for it: selection of nested models.
+"""Free what a page holds fixed where evidence favours it: selection of nested models.
 
 By default sensors are aligned, fingertips are rigid, the centre of mass is the
 centroid, and a body on the ground slides flat.  Where touches cost more than the noise
@@ -81,7 +81,7 @@ def needed_gain(spread: float, occam: float = DECISIVE) -> float:
 
 
 def with_nuisance_parameters(solves, solve) -> list[Solved]:
-    """Return solves, best first; what NUISANCES names is free where data ask for it.
+    """Return solves, best first; what NUISANCES names is free if evidence favours it.
 
     solves: with all of it fixed, best first; solve(job, hypothesis, alone): the same of
     another job, from a hypothesis, and if not alone from all starts of the search.
@@ -93,7 +93,7 @@ def with_nuisance_parameters(solves, solve) -> list[Solved]:
 
 
 def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
-    """Return solves, one nuisance parameter free if the data ask for it."""
+    """Return solves, one nuisance parameter free if evidence favours it."""
     best, *others = solves
     job, touches = best.job, misfit_of(best)
     if touches.excess < (needed := needed_gain(touches.spread)):
@@ -232,15 +232,15 @@ def wald(solved: Solved, unknown: str) -> float:
 NUISANCES = {  # by reduction, in the order in which they are freed
     "aligned": Nuisance(
         FINGER_TURN, "turn of the fingers' normals",
-        "sensors are aligned unless data say so", True, gain_with_others_held,
+        "sensors are assumed to be aligned", True, gain_with_others_held,
     ),
     "rigid": Nuisance(
         COMPLIANCE, "compliance of the fingertips",
-        "they are rigid unless data say so", True, None,
+        "they are assumed to be rigid", True, None,
     ),
     "central": Nuisance(
         CENTRE_OF_MASS, "offset of the centre of mass",
-        "it is the centroid unless data say so", False, score,
+        "it is assumed to be the centroid", False, score,
     ),
 }  # fmt: skip
 

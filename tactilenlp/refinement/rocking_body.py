@@ -1,4 +1,4 @@
-r"""Free motion of a body that rocks: where data ask for it, and how its solve starts.
+r"""Free motion of a body that rocks: where evidence favours it, how its solve starts.
 
 A planar optimum is close where a body tilts little.  Where touches still cost too much
 from there, the page is solved again, through its rough levels, from the tilts u (2,)
@@ -41,7 +41,7 @@ AS_IT_BEGINS = 1e-3  # [TILT_CHANGE] deviation of the tilt as an action begins
 
 
 def with_tilt(best: Solved) -> Solved:
-    """Return the page in free motion where data ask for it, or the flat solve."""
+    """Return the page in free motion where evidence favours it, or the flat solve."""
     job = best.job
     if not (job.fixes("planar") and best.solution.success):
         return best

@@ -57,7 +57,7 @@ LAGS = {  # in the order in which they are estimated
 
 
 def with_lags(solves) -> list[Solved]:
-    """Return solves, best first, with the lags of sensors that the touches tell of.
+    """Return solves, best first, with the lags of sensors that evidence favours.
 
     If a lag changes, solves far from the best are dropped.
     """
@@ -68,7 +68,7 @@ def with_lags(solves) -> list[Solved]:
 
 
 def _with_lag(name: str, lag: Lag, solves) -> list[Solved]:
-    """Return solves with one lag, if the touches tell of it."""
+    """Return solves with one lag, if evidence favours it."""
     prompt, known = solves[0], lag.consider(solves[0].linearised)
     needed = _needed_for_lag(lag, prompt, known)
     if max(misfit_of(prompt).excess, known.gain) < needed:

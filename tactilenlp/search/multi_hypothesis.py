@@ -182,7 +182,7 @@ class TrackingSearch:
 
     @cached_property
     def _other_tracks(self) -> list[list[Hypothesis]]:
-        """Tracks of other searches that the data ask for, far from each other."""
+        """Tracks of other searches that are due, far from each other."""
         job, kept, again = self.job, self.kept, []
         if self._own_tracks[0].carried:  # soft fingertips may look alike
             stays = job.with_search(may_be_carried=False)
@@ -201,7 +201,7 @@ class TrackingSearch:
         return diverse_starts(self.job.shape, tracks, TRACKS_PER_START * self.count)
 
     def _tracks(self) -> list[Hypothesis]:
-        """Return tracks far from each other, by every search that the data ask for."""
+        """Return tracks far from each other, by every search that is due."""
         job, kept, count = self.job, self.kept, TRACKS_PER_START * self.count
         late = job.deadline.passed("other tracks")
         tracks = self._own_tracks[:1] if late else self._far_apart

@@ -19,6 +19,7 @@ from formulations import polytope_planes
 from ..data.contact_segments import NOISE_SIGMAS, contact_segments
 from ..geometry.convex_hull import centre_of_shape
 from ..geometry.transforms import directions_in_body, moved_origin, rotate_planar
+from ..local.margins import ranked
 from ..local.solved import search_settings
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..solvers.solve import solve_levels
@@ -46,6 +47,11 @@ class Faces:
     x: np.ndarray
     objective: float = np.inf
     iterations: int = 0
+
+    @property
+    def rank(self) -> float:
+        """The objective to sort by."""
+        return ranked(self.objective)
 
 
 def poses_of_new_action(job, faces: Faces) -> np.ndarray:
@@ -91,7 +97,7 @@ def _extension(job, window, faces: Faces, path) -> Faces:
 def of_distinct_turns(fits) -> list[Faces]:
     """Return fits of the same samples, the best first, whose turns differ by TURN."""
     kept = []
-    for fit in sorted(fits, key=lambda fit: round(fit.objective, 3)):
+    for fit in sorted(fits, key=lambda fit: fit.rank):
         if not any(turn_alike(fit, other) for other in kept):
             kept.append(fit)
     return kept
@@ -173,7 +179,7 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
         fit = solved_faces(job, window, start, polytope_planes.LEVELS)
         fits.append(replace(fit, objective=fit.objective + cost))
     joined = [_joined(job, window, fit) for fit in best_of(fits)]
-    return sorted(joined, key=lambda fit: round(fit.objective, 3))
+    return sorted(joined, key=lambda fit: fit.rank)
 
 
 def best_of(fits) -> list[Faces]:

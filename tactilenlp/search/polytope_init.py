@@ -32,6 +32,7 @@ from ..geometry.convex_hull import (
 from ..geometry.simplification import with_counts
 from ..local.hypothesis import Hypothesis, distinct
 from ..local.job import Job
+from ..local.margins import ranked
 from ..problem.reductions import Reductions
 from .plane_slam import (
     Faces,
@@ -147,7 +148,7 @@ class Searched(NamedTuple):
     @property
     def rank(self) -> float:
         """The objective to sort by."""
-        return round(self.cost + self.faces[0].objective, 3)
+        return ranked(self.cost + self.faces[0].objective)
 
     def extended(self, samples: int) -> Searched:
         """Return the search for the first samples."""

@@ -27,6 +27,7 @@ START_TURNS = 8  # about the vertical, from which a body is fitted to poses
 SMALL_BODY = 0.5  # [mean of the prior] all fingers are outside of it
 BROAD = 20.0, 1.0  # [-] factors of deviations in fits to poses, in turn
 PLACE = 20e-3  # [m] typical offset of its origin
+TURN_OF_FIT = 0.3  # [rad] typical turn of it
 
 
 def body_on_poses(job, estimate) -> Hypothesis | None:
@@ -98,7 +99,7 @@ def _fit(shape, points, radius, normal, sigma, sigma_n):
         for broad in BROAD:
             fit = least_squares(
                 residuals, z, args=(broad,), loss="soft_l1",
-                x_scale=np.r_[np.broadcast_to(deviation, n), PLACE, PLACE, 0.3],
+                x_scale=np.r_[np.broadcast_to(deviation, n), PLACE, PLACE, TURN_OF_FIT],
                 bounds=(np.r_[low, -free], np.r_[high, free]),
             )  # fmt: skip
             z = fit.x

@@ -30,6 +30,7 @@ from .tracks import KalmanFilter, SmootherStep, Tracks, split_tracks, surviving
 
 PASSES = 2  # of the iterated filter
 PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
+STOPPED = 1e-6  # [m] in a step: a body that moves less has stopped
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 
 
@@ -107,7 +108,7 @@ def predicted_tracks(ekf, tracks, before, t, rng):
     noise = drawn_scales(STEP_FREEDOM, tracks.z.shape[1], rng) * ekf.process_noise
     if not active.any():
         way = way_of(np.hypot(*tracks.motion[:2]), tracks.motion[2])
-        if way.max() < 1e-6:
+        if way.max() < STOPPED:
             return tracks, None, False
         off = noise * deviation(RELEASED, STOP_ERROR, way)
         if ekf.coasts:

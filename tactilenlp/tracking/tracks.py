@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 # optimum known by over 0.5 nats in 6 of 89 noisy recordings, these in 4.
 KEPT, TRACKS = 200, 1000
 HOPELESS = 60.0  # [nats] behind the best
+MOST_KEPT = 0.8  # [-] if more than so many tracks survive, copying them saves nothing
+JITTER = 1e-14  # [SI^2] added to covariances before they are factorised
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
 YAW_CELL = 0.15  # [rad] as wide as a proposal
 LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
@@ -133,7 +135,7 @@ def draw_presses(fingers, S, rng):
 def surviving(tracks):
     """Return the tracks that are not hopeless, if many are; None: all go on."""
     rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - HOPELESS)
-    return rows if len(rows) < 0.8 * tracks.z.shape[1] else None
+    return rows if len(rows) < MOST_KEPT * tracks.z.shape[1] else None
 
 
 def split_tracks(ekf, tracks, final, rng):
@@ -198,7 +200,7 @@ def parts_of(ekf, tracks, rows, rng) -> Tracks:
     """
     part = np.r_[False, rows[1:] == rows[:-1]]
     parts = tracks.pick(rows)
-    L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + 1e-14 * np.eye(len(parts.P)))
+    L = np.linalg.cholesky(np.moveaxis(parts.P, -1, 0) + JITTER * np.eye(len(parts.P)))
     off = np.einsum("sij,sj->is", L, rng.normal(size=(len(rows), len(parts.P))))
     z = np.maximum(parts.z + SPREAD * part * off, ekf.low)
     P = parts.P * np.where(part, SHRUNK, 1.0)
