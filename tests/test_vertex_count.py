@@ -19,6 +19,7 @@ from tactilenlp import Options, Scene, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.geometry.convex_hull import vertices_behind
 from tactilenlp.geometry.simplification import (
+    holds_origin,
     with_counts,
     with_fewer_faces,
     without_touch,
@@ -220,6 +221,14 @@ def test_faces_that_cut_off_little_go_first():
 
 def test_faces_that_close_no_body_end_the_list():
     assert len(with_fewer_faces(CUBE, [6, 5, 4])) == 1
+
+
+def test_planes_that_hardly_meet_close_no_body():
+    """Rounding once put a corner 6e13 m away: the origin 1e-15 inside of a facet."""
+    facets = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]])
+    for depth in (0.0, 1e-15, 1e-3):
+        assert not holds_origin(20 * facets - [0, 0, depth])
+    assert holds_origin(20 * np.vstack([facets, [0, 0, -1.0]]))
 
 
 def test_a_start_that_touches_contradict_more_than_a_fit_costs_is_left_out(monkeypatch):

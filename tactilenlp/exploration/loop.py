@@ -93,7 +93,7 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
         step = exploration.at(number)
         before = None if estimate is None else estimate.measurements
         if step is None:
-            _warn_of_another_state(world, exploration)
+            _check_state(world, exploration)
             step = loop.act(number, estimate, past)
         if step.estimate is None:  # measured now, or the process ended in the solve
             step = continued_in_time(step, before, again)
@@ -211,17 +211,18 @@ def _check_fingers(world, space: Workspace, exploration: Exploration) -> None:
             )  # fmt: skip
 
 
-def _warn_of_another_state(world, kept: Exploration) -> None:
-    """Warn where a world that knows the truth has not executed the saved actions."""
+def _check_state(world, kept: Exploration) -> None:
+    """Raise where a world that knows the truth has not executed the saved actions."""
     if not kept.steps or getattr(world, "true_body", None) is None:
         return
     last = kept.steps[-1]
     if world.true_body(float(last.measurements.time[-1])) is None:
-        log.warning(
-            "the world has not executed the saved actions up to step %d: its object is "
-            "where it was made; Exploration.load(file).replay(world) repeats them",
-            last.number,
-        )
+        raise StartError(
+            "the world has not executed the saved actions", where="world",
+            got="an object where the world was made",
+            expected=f"one moved by the actions up to step {last.number}",
+            next="Exploration.load(file).replay(world) repeats them",
+        )  # fmt: skip
 
 
 def _save(kept: Exploration, file) -> Exploration:

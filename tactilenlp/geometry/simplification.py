@@ -18,6 +18,7 @@ from .convex_hull import (
 )
 
 AT_ONCE = 600  # [1] vertices of a hull above which a tenth of those beyond goes at once
+FARTHEST_CORNER = 1.0  # [m] from a centroid: planes that meet beyond close no body
 CORNER, MOST_OF_TOUCH = 0.5e-3, 8.0  # [m], [nats] of a touch that a vertex explains
 
 
@@ -96,9 +97,12 @@ def with_fewer_faces(points, counts) -> list[np.ndarray]:
 
 
 def holds_origin(points) -> bool:
-    """Tell whether the origin lies within the hull of points (n, 3)."""
+    """Tell whether the hull of points (n, 3) [1/m] holds the origin, off its facets.
+
+    Its facets are corners of the polar body, none beyond FARTHEST_CORNER.
+    """
     try:
-        return bool(ConvexHull(points).equations[:, 3].max() < 0)
+        return bool(ConvexHull(points).equations[:, 3].max() < -1 / FARTHEST_CORNER)
     except QhullError:  # of points in a plane
         return False
 

@@ -18,6 +18,7 @@ from .derivative_check import (
     TOLERATED,
     assembled_error,
     derivative_errors,
+    flat_terms,
     not_finite,
 )
 from .terms import Term
@@ -105,7 +106,8 @@ class Report:
     gradient and of its Hessian's diagonal, in scaled units; slope: by constraint, range
     of the lengths of its Jacobian's rows.  rank of the Jacobian with `rows` rows, None
     where that is too large; equality_rank of its `equalities` rows.  unused: names
-    that no term reads.
+    that no term reads; flat: terms that do not change there, whose derivatives the
+    differences do not test.
     """
 
     size: int
@@ -119,6 +121,7 @@ class Report:
     equalities: int
     equality_rank: int | None
     unused: tuple[str, ...]
+    flat: tuple[str, ...]
     findings: tuple[str, ...]
 
     @property
@@ -142,7 +145,13 @@ class Report:
         )
         lines += ["unused: " + (", ".join(self.unused) or "nothing")]
         lines += ["", *(f"MEND: {finding}" for finding in self.findings)]
-        return "\n".join(lines).rstrip() + ("\nall good" if self.good else "")
+        if self.flat:
+            lines.append(
+                f"not tested, flat at both points: {', '.join(self.flat)}; "
+                "check(start={...}) nearer the data tests them"
+            )
+        last = "what was tested is good" if self.flat else "all good"
+        return "\n".join(lines).rstrip() + (f"\n{last}" if self.good else "")
 
 
 def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
@@ -166,6 +175,7 @@ def check(problem: Problem, start: dict | None = None, seed: int = 0) -> Report:
         "curvature": {v.name: _span(c[v.span]) for v in variables},
         "slope": {n: _span(lengths[t.span]) for n, t in problem.constraints.items()},
         "unused": (*_unused_variables(problem), *_unused_parameters(problem)),
+        "flat": tuple(flat_terms(problem, (guess, x), data)),
     }
     mend = [*not_finite(problem, guess, data, "the guess"), *_wrong(errors, assembled)]
     mend += [*_bad_scales(problem, found, J), *dependent]
