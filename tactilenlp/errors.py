@@ -87,6 +87,10 @@ class FileError(TactileError, ValueError):
     """A file is not what it should be, or only half of it is there."""
 
 
+class NoFileError(FileError, FileNotFoundError):
+    """There is no file of this name."""
+
+
 class WriteError(FileError, OSError):
     """A file cannot be written; what was there before is unchanged."""
 

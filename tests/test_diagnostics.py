@@ -36,11 +36,12 @@ def test_a_good_problem_passes_its_check():
 def test_a_term_that_is_flat_where_it_is_examined_is_not_called_good():
     problem = Problem()
     x = problem.variable("x", 1, guess=0.0, unit="m", scale=1.0)
-    problem.minimize("near", lambda x: x**2, x)
-    problem.minimize("far", lambda x: 7 - ca.exp(-((x - 40) ** 2)), x)
+    problem.minimize("near", lambda x: x**2, x, role="prior")
+    problem.minimize("far", lambda x: 7 - ca.exp(-((x - 40) ** 2)), x, role="prior")
     report = problem.check()
     assert report.flat == ("far",)
-    assert report.good and not str(report).endswith("all good")
+    assert report.good
+    assert not str(report).endswith("all good")
     assert problem.check({"x": 39.5}).flat == ()
 
 

@@ -51,8 +51,8 @@ def read_npz(
 ) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file, those of `keys` that it has (None: all).
 
-    Raises `error` if the file is no .npz file of plain arrays, FileNotFoundError if
-    there is no file.
+    Raises `error` if the file is no .npz file of plain arrays, NoFileError if there
+    is no file.
     """
     arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
     with open_file(path, error) as stream:
@@ -67,8 +67,10 @@ def read_npz(
         except TactileError:
             raise
         except UNREADABLE as bad:
+            empty = stream.seek(0, os.SEEK_END) == 0
             raise error(
-                "cannot be read", where=where, got=f"{type(bad).__name__}: {bad}",
+                "cannot be read", where=where,
+                got="an empty file" if empty else f"{type(bad).__name__}: {bad}",
                 expected="an .npz file of plain arrays", next="use numpy.savez",
             ) from bad  # fmt: skip
     return arrays

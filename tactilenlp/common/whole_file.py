@@ -8,7 +8,7 @@ import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import FileError, WriteError
+from ..errors import FileError, NoFileError, WriteError, did_you_mean
 from .validation import check_path
 
 SHOWN = 60  # characters of a name that a temporary file repeats
@@ -48,16 +48,20 @@ def whole_file(path):
 def open_file(path, error: type = FileError):
     """Open a regular file for reading bytes; `error` if it is none or cannot be read.
 
-    A pipe or a device, which would block, is not opened.  FileNotFoundError is raised
-    as it is.
+    A pipe or a device, which would block, is not opened.  NoFileError where there is no
+    such file, with names like it.
     """
     check_path(path)
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
             return open(path, "rb")  # the caller closes it
-    except FileNotFoundError:
-        raise
+    except FileNotFoundError as bad:
+        there = sorted(one.name for one in Path(path).absolute().parent.glob("*"))
+        raise NoFileError(
+            "no such file", where=str(path), got="nothing there",
+            expected="the path of a file", next=did_you_mean(Path(path).name, there),
+        ) from bad  # fmt: skip
     except (OSError, ValueError) as bad:
         got = f"{type(bad).__name__}: {bad}"
         raise error("cannot be opened", where=repr(str(path)), got=got) from bad

@@ -228,6 +228,8 @@ def _shaped(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         sizes = dict(zip(axes, shape, strict=False)) | sizes
         wrong = shape != tuple(sizes.get(axis) for axis in axes)
         fix = f"T is {sizes.get('T')} here; transpose, or add a single finger's axis"
+        if axes == ("F",):
+            fix = f"F is {sizes.get('F')} here; one number each, or one for all"
         _reject(key, wrong, "wrong shape", shape, fix)
         _reject(key, 0 in shape, "empty", shape, "record a sample first")
     return arrays

@@ -19,10 +19,13 @@ STEEPEST = 0.2  # [rad] a ground that may lean further than this is not known
 LATEST = 0.2  # [s] sensors that are later than this do not tell where a body is
 HEAVIEST = 100.0  # [kg] no finger pushes more: beyond it a mass is in grams
 MUST_BE_KNOWN = "this must be known, give a guess"
-SCENE_REMEDIES = {  # of a number that is out of range, where it cannot be None
+SCENE_REMEDIES = {  # of a number that is out of range
+    "sigma_position": "divide by 1000 if it is in mm; None if unknown",
+    "sigma_offset": "divide by 1000 if it is in mm; None if there is none",
     "mass": "divide by 1000 if it is in grams; if it is not known, give a guess",
-    "gravity": "give its magnitude, 9.81: it acts along the ground's normal",
+    "gravity": "give its magnitude, 9.81: it acts against the ground's normal",
 }
+LARGEST_SIGMA = 0.1  # [m] deviation of a finger position: beyond it is in mm
 # [-] of ground, of fingers where not known; no ground has none: pushes divide by it
 TYPICAL_FRICTION = 0.3, 0.5
 LOW_FRICTION = 0.1  # [-] of the ground, where it is not known and must stop the body
@@ -87,21 +90,33 @@ class Scene:
             ("friction_finger", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("gravity", False, 0.0, inf, "an acceleration of 0 m/s^2 or more"),
             ("finger_length", False, 0.0, 0.5, "a length in [0, 0.5) m"),
-            ("sigma_position", True, never, inf, "a standard deviation above 0 m"),
+            (
+                "sigma_position",
+                True,
+                never,
+                LARGEST_SIGMA,
+                "a standard deviation in (0, 0.1) m",
+            ),
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
             ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
             ("latency", True, 0.0, LATEST, "a time in [0, 0.2) s"),
             ("sigma_centre", False, 0.0, 1.0, "a share of a typical size in [0, 1)"),
             ("sigma_tilt", False, 0.0, STEEPEST, "an angle in [0, 0.2) rad"),
-            ("sigma_offset", True, never, inf, "a standard deviation above 0 m"),
+            (
+                "sigma_offset",
+                True,
+                never,
+                LARGEST_SIGMA,
+                "a standard deviation in (0, 0.1) m",
+            ),
         ):
             value = getattr(self, name)
             of_joints = name == "sigma_offset" and isinstance(value, JointZeros)
             if of_joints or (value is None and unknown):
                 continue
             remedy = SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
-            fix = "None if unknown" if unknown else remedy
+            fix = SCENE_REMEDIES.get(name, "None if unknown") if unknown else remedy
             number = scene_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         fix = "write Ground(height=..., normal=...)"

@@ -30,7 +30,7 @@ PAUSE = 0.02  # [s] between two looks at compilers that run
 SILENT = 3.0  # [s] of waiting for compilers before a line says so
 WAITING = (
     "functions are compiled for their first use on this machine: up to a minute "
-    "(`python -m tactilenlp compile` does it ahead)"
+    "(`python -m tactilenlp compile` does it ahead for cuboids and polytopes)"
 )
 _running: list[Compilation] = []  # by compilers of this process
 if hasattr(os, "register_at_fork"):

@@ -30,7 +30,8 @@ def summary_of(estimate) -> str:
     """Return a paragraph: size, pose, sigma, solve, remarks, what was left out."""
     x, y, z = MM_PER_M * estimate.position[-1]
     a, b, c = MM_PER_M * estimate.information.sigma("position")
-    lines = [
+    lines = [] if estimate.success else [f"NOT SOLVED ({estimate.status})."]
+    lines += [
         f"{article(estimate.shape)} {estimate.shape} of {size_of(estimate)} "
         f"at ({x:.2f}, {y:.2f}, {z:.2f}) mm ± ({a:.2f}, {b:.2f}, {c:.2f}) mm, "
         f"{orientation_of(estimate)}, at the last sample.",

@@ -102,10 +102,10 @@ def far(solved: Solved, whole) -> Skipped | None:
     if not len(whole.far):
         return None
     cost = float(whole.problem.value(FREE_TERM, whole.x, whole.data)[whole.far].sum())
-    limit = NEUTRAL * max(1.0, abs(solved.solution.objective))
+    cost, limit = max(cost, 0.0), NEUTRAL * max(1.0, abs(solved.solution.objective))
     return Skipped(
         "far", f"{len(whole.far)} free samples", "certainly away from the object",
-        "they would add to the objective [nats]", cost, limit, abs(cost) <= limit,
+        "they would add to the objective [nats]", cost, limit, cost <= limit,
     )  # fmt: skip
 
 

@@ -249,6 +249,9 @@ def declined(solved: Solved, name, gain, needed, bound: str = "") -> Solved:
     """Return a solve with the certificate that a larger model explains no more."""
     _, dropped, reason, *_ = NUISANCES[name]
     check = f"freeing it would lower the objective by {bound}[nats]"
+    if gain < 0:  # the solve with it free ended in a worse optimum
+        higher = f"its solve ended {-gain:.2g} nats higher"
+        check, gain = f"freeing it did not lower the objective ({higher}) [nats]", 0.0
     skipped = Skipped(name, dropped, reason, check, gain, needed, gain < needed)
     return replace(solved, declined=(*solved.declined, skipped))
 
