@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactilenlp.data.measurements import LAYOUT, Measurements
-from tactilenlp.errors import MeasurementError
+from tactilenlp.errors import FileError, MeasurementError
 
 DT = 1 / 30  # [s]
 TRUTH = ("object_position", "object_quaternion", "side_lengths", "vertices", "target")
@@ -170,8 +170,13 @@ def test_objects_in_a_file_are_never_unpickled(tmp_path):
 
 
 def test_a_file_that_does_not_exist_is_not_found(tmp_path):
-    with pytest.raises(FileNotFoundError):
+    (tmp_path / "somewhere.npz").write_bytes(b"")
+    with pytest.raises(FileNotFoundError) as caught:
         Measurements.load(tmp_path / "nowhere.npz")
+    assert isinstance(caught.value, FileError)
+    assert "did you mean 'somewhere.npz'?" in str(caught.value)
+    with pytest.raises(MeasurementError, match="an empty file"):
+        Measurements.load(tmp_path / "somewhere.npz")
 
 
 # Actions

@@ -117,6 +117,8 @@ BAD = [
     ("gravity", -9.81),
     ("gravity", None),
     ("sigma_position", 0.0),
+    ("sigma_position", 1.0),
+    ("sigma_offset", 1.0),
     ("sigma_normal", -0.1),
     ("flip_rate", 0.5),
     ("flip_rate", -0.01),

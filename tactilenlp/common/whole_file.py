@@ -60,7 +60,8 @@ def open_file(path, error: type = FileError):
         there = sorted(one.name for one in Path(path).absolute().parent.glob("*"))
         raise NoFileError(
             "no such file", where=str(path), got="nothing there",
-            expected="the path of a file", next=did_you_mean(Path(path).name, there),
+            expected="the path of a file",
+            next=did_you_mean(Path(path).name, there) or "check folder and name",
         ) from bad  # fmt: skip
     except (OSError, ValueError) as bad:
         got = f"{type(bad).__name__}: {bad}"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 DIFFERENCE_STEP = 6e-6  # [scales] of differences: cube root of a double's precision
 ROUNDING_SHARE = 1e-4  # [-] of a value is no derivative: 11 of 16 digits are lost
-FLAT = 1e-12  # [-] change over one scale of an unknown that no difference resolves
+NO_CHANGE = 1e-12  # [-] change over one scale of an unknown that no difference resolves
 TOLERATED = 1e-4  # [-] relative error above which a derivative is called wrong
 
 
@@ -126,5 +126,5 @@ def flat_terms(problem, points, data):
     """Yield the names of terms whose derivatives vanish at all points, in scales."""
     for name in problem.terms:
         slopes = (abs(problem.jacobian(name, p, data)) @ problem.scale for p in points)
-        if max(s.max(initial=0.0) for s in slopes) < FLAT:
+        if max(s.max(initial=0.0) for s in slopes) < NO_CHANGE:
             yield name
