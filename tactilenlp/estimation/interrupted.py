@@ -16,6 +16,7 @@ from ..local.solved import BuiltPage, Solved, Solves
 from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import build_window
+from ..refinement.axis_names import with_named_axes
 from ..solvers.solution import evaluated, not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
@@ -88,6 +89,8 @@ def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
         request = replace(request, data=data, job=job)
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
+    in_time = replace(solved.job, deadline=Deadline.within(SHUTDOWN_TIME))
+    solved = with_named_axes(replace(solved, job=in_time), request.axes)
     kept = [solved.at] if job.shape.of_vertices else incumbents.kept
     seconds = {**solved.solution.seconds, "total": incumbents.spent}
     estimate = read_off(request, solved, kept, seconds, NEVER)

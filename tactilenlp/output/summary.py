@@ -239,14 +239,16 @@ def doubts_in_words(estimate) -> list[str]:
 def optima_in_words(information) -> list[str]:
     """Return sentences: the probability of what is reported and of each other optimum.
 
-    Empty where there is no other one; percentages sum to 100.
+    Optima that differ by no more than the standard deviations count as what is
+    reported.  Empty where there is no other one; percentages sum to 100.
     """
     modes, names = information.modes, information.names
     sigma = _sigma_of_names(information)
-    other = np.flatnonzero(modes.weights[1:] >= MIN_WEIGHT) + 1
+    alike = (np.abs(modes.offsets) <= sigma).all(axis=1)
+    other = np.flatnonzero((modes.weights >= MIN_WEIGHT) & ~alike)
     if not len(other):
         return []
-    listed = modes.weights[[0, *other]]
+    listed = np.r_[modes.weights[alike].sum(), modes.weights[other]]
     shares = whole_percentages(np.r_[listed, max(1 - listed.sum(), 0.0)])
     words = [f"What is reported has a probability of {shares[0]} %."]
     for share, off in zip(shares[1:-1], modes.offsets[other], strict=True):
