@@ -31,7 +31,6 @@ from ..information.linearisation import Linearisation
 from ..information.mixture import one_mode
 from ..information.tangent_space import widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
-from ..nlp.kkt import kkt_system_of
 from ..problem.pages import name_of
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
@@ -160,7 +159,7 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
     faces: how many samples touched each; modes: other local optima of the same page.
     """
     try:
-        kkt = kkt_system_of(solved.problem, solved.solution, job.deadline)
+        kkt = solved.built.kkt_at(solved.solution, job.deadline)
         job.deadline.check()
         linearisation = Linearisation(kkt, job, solved.window)
         optima = [] if job.shape.of_vertices else [mode.optimum for mode in modes]

@@ -9,6 +9,7 @@ import numpy as np
 
 from formulations.names import COMPLIANCE, FINGER_OFFSET
 
+from ..common.deadline import NEVER, Deadline
 from ..data.ground import frame_of
 from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
@@ -58,11 +59,19 @@ class BuiltPage:
     window: Window | PolytopeWindow
     origin: Hypothesis | None
     seconds: float = 0.0
+    _last_kkt: tuple | None = field(default=None, init=False, repr=False)
 
     @cached_property
     def solvers(self) -> Solvers:
         """The solvers of the problem, kept for further solves."""
         return Solvers(self.problem)
+
+    def kkt_at(self, solution: Solution, deadline: Deadline = NEVER) -> KKTSystem:
+        """Return the KKT system at a solution, kept until that at another one is."""
+        if self._last_kkt is None or self._last_kkt[0] is not solution:
+            kkt = kkt_system_of(self.problem, solution, deadline)
+            self._last_kkt = solution, kkt
+        return self._last_kkt[1]
 
     def values_at(self, h: Hypothesis) -> dict:
         """Return where a solve starts: a hypothesis as unknowns of the problem."""
@@ -177,8 +186,8 @@ class Solved:
 
     @cached_property
     def kkt(self) -> KKTSystem:
-        """The KKT system at the solution, factorised once for all that ask for it."""
-        return kkt_system_of(self.problem, self.solution)
+        """The KKT system at the solution, which copies of this solve share."""
+        return self.built.kkt_at(self.solution)
 
     @property
     def linearised(self) -> Linearisation:
