@@ -175,7 +175,7 @@ def test_planes_and_ground_close_a_body_unless_a_face_is_missing(missing):
     kept = [i for i in range(5) if i != missing]
     planes = np.c_[n, b][kept]
     ball = unseen_ball(points[kept], (0.022, 0.008), ground=True)
-    found = closing_halfspaces(planes, points[kept], ball, ground=True)
+    found = closing_halfspaces(planes, points[kept], ball)
     if missing is None:
         corners, up = (
             hull.merge_points(hull.vertices_behind(found)),

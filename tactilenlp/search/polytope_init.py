@@ -49,20 +49,48 @@ BODIES_SOLVED = 5  # by the page, of those at most LEAST_MOTION_BEHIND the best
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
 
-def corners_behind_planes(window, faces: Faces, size, ground=True, ball=True):
-    """Return the vertices (n, 3) [m] of the intersection of half-spaces.
+class Seen(NamedTuple):
+    """Half-spaces (n, 4) of a body: n . v <= b [m].
 
-    ground: whether there is one, at z = 0; ball: whether a ball bounds the untouched
-    side. Without one, None unless planes and ground close the body.
+    planes: of its touched faces; points (n, 3): touched; ball: about the points, for
+    the side that no finger touched; cuts: between the points and free fingers; ground:
+    whether there is one, at z = 0.
     """
+
+    planes: np.ndarray
+    points: np.ndarray
+    ball: Ball
+    cuts: np.ndarray
+    ground: bool
+
+
+def seen_of(window, faces: Faces, size, ground: bool) -> Seen:
+    """Return what planes and fingers tell of a body; size: mean and deviation [m]."""
     planes, points = touched_halfspaces(window, faces)
-    fitted = unseen_ball(points, size, ground)
-    if ball:
-        halfspaces = np.vstack([planes, unseen_halfspaces(points, fitted, ground)])
-    elif (halfspaces := closing_halfspaces(planes, points, fitted, ground)) is None:
-        return None
-    corners = vertices_behind(halfspaces)
     cuts = separating_halfspaces(window, faces, points)
+    return Seen(planes, points, unseen_ball(points, size, ground), cuts, ground)
+
+
+def corners_within_ball(seen: Seen) -> np.ndarray:
+    """Return the vertices (n, 3) [m] behind planes, ground and ball."""
+    unseen = unseen_halfspaces(seen.points, seen.ball, seen.ground)
+    return _cut(np.vstack([seen.planes, unseen]), seen.cuts)
+
+
+def corners_if_closed(seen: Seen) -> np.ndarray | None:
+    """Return the vertices (n, 3) [m] behind planes and ground alone, if they close."""
+    if not seen.ground:
+        return None
+    closing = closing_halfspaces(seen.planes, seen.points, seen.ball)
+    return None if closing is None else _cut(closing, seen.cuts)
+
+
+def _cut(halfspaces, cuts) -> np.ndarray:
+    """Return the vertices behind half-spaces, after the deepest cuts by free fingers.
+
+    A cut that leaves no body is the last one, and is not made.
+    """
+    corners = vertices_behind(halfspaces)
     for _ in range(MAX_CUTS):
         deep = (corners @ cuts[:, :3].T).max(axis=0, initial=-np.inf) - cuts[:, 3]
         if not len(cuts) or deep.max() < PENETRATION:
@@ -75,14 +103,14 @@ def corners_behind_planes(window, faces: Faces, size, ground=True, ball=True):
     return hull_vertices(merge_points(corners))
 
 
-def closing_halfspaces(planes, points, ball: Ball, ground) -> np.ndarray | None:
+def closing_halfspaces(planes, points, ball: Ball) -> np.ndarray | None:
     """Return the half-spaces (n, 4) that bound a body without a ball, if they do.
 
     They do where no corner of planes and ground is CUBE_CORNER radii from the ball's
     centre or farther: a sharp corner that no finger felt does not need another face.
     """
     wide = replace(ball, radius=2 * CUBE_CORNER * ball.radius)
-    halfspaces = np.vstack([planes, unseen_halfspaces(points, wide, ground)])
+    halfspaces = np.vstack([planes, unseen_halfspaces(points, wide, True)])
     far = np.linalg.norm(vertices_behind(halfspaces) - ball.centre, axis=1).max()
     return halfspaces if far < CUBE_CORNER * ball.radius else None
 
@@ -214,11 +242,11 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     """
     window = job.window_until(faces.x.shape[1])
     ground = job.scene.ground is not None
-    arguments = window, faces, job.shape.size_prior, ground
-    theta = corners_behind_planes(*arguments).ravel()
+    seen = seen_of(window, faces, job.shape.size_prior, ground)
+    theta = corners_within_ball(seen).ravel()
     cost, iterations = faces.objective, faces.iterations
     hull = Hypothesis(theta, faces.x, cost, ("planes",), iterations)
-    corners = corners_behind_planes(*arguments, ball=False) if ground else None
+    corners = corners_if_closed(seen)
     if corners is None:
         return [hull]
     path = *hull.path, "closed"
