@@ -111,20 +111,29 @@ def comparison_lines(rows, name: str) -> list[str]:
             x, y = x[both], y[both]
             if len(x) < 3:
                 continue
-            free = stats.ttest_ind(x, y, equal_var=False)
-            pair, signed = stats.ttest_rel(x, y), stats.wilcoxon(x, y)
-            size = (y - x).mean() / np.std(y - x, ddof=1)
-            low, high = pair.confidence_interval()
-            variance = np.var(x, ddof=1) / np.var(y, ddof=1)
-            lines.append(
-                f"  {policy}, {start}, 1 + {action}: difference {(x - y).mean():+.3f} "
-                f"[{low:+.3f}, {high:+.3f}] mm, p = {min(1, many * free.pvalue):.2g} "
-                f"independent, {min(1, many * pair.pvalue):.2g} paired, "
-                f"{min(1, many * signed.pvalue):.2g} by Wilcoxon's test; effect size "
-                f"{size:.2f}, variance ratio {variance:.2g}, better in "
-                f"{(x < y).sum()} of {len(x)}"
-            )
+            words = paired_in_words(x, y, many)
+            lines.append(f"  {policy}, {start}, 1 + {action}: {words}")
     return lines
+
+
+def paired_in_words(x, y, many: int) -> str:
+    """Return how errors x (n,) differ from y of the same trials [mm], with tests.
+
+    many: p-values are multiplied by (Bonferroni).
+    """
+    free = stats.ttest_ind(x, y, equal_var=False)
+    pair, signed = stats.ttest_rel(x, y), stats.wilcoxon(x, y)
+    size = (y - x).mean() / np.std(y - x, ddof=1)
+    low, high = pair.confidence_interval()
+    variance = np.var(x, ddof=1) / np.var(y, ddof=1)
+    return (
+        f"difference {(x - y).mean():+.3f} [{low:+.3f}, {high:+.3f}] mm, "
+        f"p = {min(1, many * free.pvalue):.2g} independent, "
+        f"{min(1, many * pair.pvalue):.2g} paired, "
+        f"{min(1, many * signed.pvalue):.2g} by Wilcoxon's test; effect size "
+        f"{size:.2f}, variance ratio {variance:.2g}, better in "
+        f"{(x < y).sum()} of {len(x)}"
+    )
 
 
 def paper_lines(rows) -> list[str]:
