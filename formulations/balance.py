@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -77,29 +78,40 @@ def contacts_of(window, shape):
     return FingerContact(shape, window.motion, window.finger), ground
 
 
-def add(nlp, window, balance, theta, x, w, centre, pushes, corners):
-    """Add the cost of every step.
+class Dynamics(NamedTuple):
+    """What moves, and by what: body theta, poses x, and the impulses of all contacts.
 
-    pushes, corners: friction.Impulses of fingers and ground; w: weights of the steps;
-    centre (3,) [m]: of mass, from the centroid.
+    w (steps,) [N s]: weights of the steps; centre (3,) [m]: of mass, from the centroid;
+    both None where no term reads them.  pushes, corners: friction.Impulses of fingers
+    and ground.
     """
+
+    theta: object
+    x: object
+    w: object
+    centre: object
+    pushes: object
+    corners: object
+
+    def steps(self, window):
+        """Yield number of pushing fingers, Step and contacts of all steps with so many.
+
+        A Step has the pose two samples before, too.
+        """
+        for count, group in window.groups.items():
+            step, s = window.step, group.steps
+            w = None if self.w is None else self.w[s]
+            now = steps_of(step, self.theta, self.x, w, s)
+            now = now._replace(x_2=self.x[:, step.before_2[s]])
+            corner, push = window.corner, window.push
+            under = [corners_of(corner, self.corners, c) for c in group.corners.T]
+            by = [pushes_of(push, self.pushes, j) for j in group.pushes.T]
+            yield count, now, (*under, *by)
+
+
+def add(nlp, window, balance, dynamics):
+    """Add the cost of every step."""
     sigma = nlp.parameters["balance sigma"]
-    for count, s, contacts in groups(window, pushes, corners):
-        nlp.minimize(
-            f"balance, {count} pushing", balance.cost, moves(window, theta, x, w[s], s),
-            centre, sigma, *contacts, role="physics",
-        )  # fmt: skip
-
-
-def groups(window, pushes, corners):
-    """Yield number of pushing fingers, steps, contacts in each step, of every group."""
-    for count, group in window.groups.items():
-        under = [corners_of(window.corner, corners, c) for c in group.corners.T]
-        by = [pushes_of(window.push, pushes, j) for j in group.pushes.T]
-        yield count, group.steps, (*under, *by)
-
-
-def moves(window, theta, x, w, s):
-    """Return the Step of time steps s, with the pose two samples before; w: weights."""
-    now = steps_of(window.step, theta, x, w, s)
-    return now._replace(x_2=x[:, window.step.before_2[s]])
+    for count, now, contacts in dynamics.steps(window):
+        name, of = f"balance, {count} pushing", (now, dynamics.centre, sigma, *contacts)
+        nlp.minimize(name, balance.cost, *of, role="physics")

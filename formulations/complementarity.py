@@ -25,7 +25,7 @@ from __future__ import annotations
 import casadi as ca
 
 from . import centre_of_mass, contact, finger_contact, indentation, names
-from .balance import Balance, contacts_of, groups, moves
+from .balance import Balance, Dynamics, contacts_of
 from .between_actions import add_coasting
 from .contact import MM
 from .finger_contact import pushing
@@ -75,7 +75,8 @@ def build(nlp, window, scene, shape):
     mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
     pushes, corners = Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
-    add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack)
+    dynamics = Dynamics(theta, x, w, centre, pushes, corners)
+    add_balance(nlp, window, law, dynamics, slack)
     now = steps_of(step, theta, x, pushes.w, push.step)
     at = pushing(push, pushes.lam)
     add_sliding(nlp, names.FINGER, law.fingers.velocity, now, at, pushes, eps)
@@ -87,7 +88,7 @@ def build(nlp, window, scene, shape):
     nlp.report(names.GROUND_IMPULSE, law.ground.impulse, corners.lam)
 
 
-def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
+def add_balance(nlp, window, law, dynamics, slack):
     """Constrain every step: change of momentum is the sum of impulses, in weights."""
 
     def imbalance(step, centre, slack, *contacts):
@@ -98,13 +99,10 @@ def add_balance(nlp, window, law, theta, x, w, centre, pushes, corners, slack):
     def response(w):  # to one weight in x, y, z, and about each at ARM
         return ca.vertcat(-ca.DM.eye(6), ca.DM.eye(6)) + 0 * w
 
-    for count, s, contacts in groups(window, pushes, corners):
-        name = f"balance, {count} pushing"
-        nlp.report(name + names.RESPONSE, response, w[s])
-        nlp.subject_to(
-            name, imbalance, moves(window, theta, x, w[s], s), centre, slack, *contacts,
-            lower=0,
-        )  # fmt: skip
+    for count, now, contacts in dynamics.steps(window):
+        name, of = f"balance, {count} pushing", (now, dynamics.centre, slack, *contacts)
+        nlp.report(name + names.RESPONSE, response, now.w)
+        nlp.subject_to(name, imbalance, *of, lower=0)
 
 
 def add_sliding(nlp, name, velocity, now, at, impulses, eps):

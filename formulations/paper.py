@@ -39,7 +39,7 @@ import casadi as ca
 
 from . import finger_contact, names
 from . import paper_contact as g
-from .balance import groups, moves
+from .balance import Dynamics
 from .finger_contact import pushing, sensed
 from .friction import Impulses, friction
 from .ground_contact import Corner
@@ -133,11 +133,10 @@ def add_dynamics(nlp, window, body, theta, x, lam, lam_g):
     """Add |x_{t+1} - f_theta(x_t, lam_t, r_t)|^2, by number of pushing fingers."""
     gap, deviation = window.gap, nlp.parameters["dynamics deviation"]
     pushes, corners = Impulses(lam, None, None), Impulses(lam_g, None, None)
-    for count, s, contacts in groups(window, pushes, corners):
-        nlp.minimize(
-            f"dynamics, {count} pushing", body.unpredicted,
-            moves(window, theta, x, None, s), deviation, *contacts, role="physics",
-        )  # fmt: skip
+    dynamics = Dynamics(theta, x, None, None, pushes, corners)
+    for count, now, contacts in dynamics.steps(window):
+        name, of = f"dynamics, {count} pushing", (now, deviation, *contacts)
+        nlp.minimize(name, body.unpredicted, *of, role="physics")
     nlp.minimize(
         "between actions", body.between_actions, theta, x[:, gap.pose],
         x[:, gap.before], deviation, role="physics",

@@ -32,7 +32,7 @@ from dataclasses import replace
 import casadi as ca
 
 from . import centre_of_mass, indentation, violation_implicit
-from .balance import Balance, contacts_of
+from .balance import Balance, Dynamics, contacts_of
 from .between_actions import HEAVY, add_fixed_width
 from .finger_turn import with_normals_turned_back
 from .level import Level
@@ -76,7 +76,8 @@ def build(nlp, window, scene, shape, prior=add_ball_prior):
     law = Balance(*contacts_of(window, shape), scene.gravity, hull_body)
     resting = theta[:, window.rest_vertex]
     centre = centre_of_mass.declare(nlp, window, scene, shape)
-    add_physics(nlp, window, law, body, x, w, centre, pushes, corners, resting)
+    dynamics = Dynamics(body, x, w, centre, pushes, corners)
+    add_physics(nlp, window, law, dynamics, resting)
 
 
 def mass(nlp, window, theta):

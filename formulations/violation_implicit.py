@@ -45,7 +45,7 @@ Departures from the printed equations:
 from __future__ import annotations
 
 from . import balance, centre_of_mass, finger_contact, ground_contact, indentation
-from .balance import Balance, contacts_of
+from .balance import Balance, Dynamics, contacts_of
 from .between_actions import add_coasting
 from .finger_offset import displaced
 from .finger_turn import with_normals_turned_back
@@ -99,7 +99,7 @@ def build(nlp, window, scene, shape, law=Balance):
     indentation.add_prior(nlp, delta)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     law = law(*contacts_of(window, shape), scene.gravity)
-    add_physics(nlp, window, law, theta, x, w, centre, pushes, corners)
+    add_physics(nlp, window, law, Dynamics(theta, x, w, centre, pushes, corners))
 
 
 def impulses_of(nlp, window, scene, shape, share=None):
@@ -127,13 +127,14 @@ def impulses_of(nlp, window, scene, shape, share=None):
     return w, Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
 
 
-def add_physics(nlp, window, law, theta, x, w, centre, pushes, corners, resting=None):
+def add_physics(nlp, window, law, dynamics, resting=None):
     """Add the balance of every step, g of fingers and ground, and the friction cones.
 
-    law: a balance.Balance, theta: the body that it reads; centre: of mass, from the
-    centroid; resting: see ground_contact.
+    law: a balance.Balance, dynamics: the balance.Dynamics that it reads; resting: see
+    ground_contact.
     """
-    balance.add(nlp, window, law, theta, x, w, centre, pushes, corners)
+    theta, x, _, _, pushes, corners = dynamics
+    balance.add(nlp, window, law, dynamics)
     finger_contact.add(nlp, window, law.fingers, theta, x, pushes)
     finger_contact.add_unseen(nlp, window, law.fingers, theta, x, pushes)
     ground_contact.add(nlp, window, law.ground, theta, x, corners, resting)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from formulations import indentation, violation_implicit
-from formulations.balance import contacts_of
+from formulations.balance import Dynamics, contacts_of
 from formulations.between_actions import add_coasting
 from formulations.likelihood import add_free, add_touches
 from formulations.rigid_body import declare_poses
@@ -73,9 +73,8 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         indentation.add_prior(problem, delta)
         fingers, ground = contacts_of(window, CUBOID)
         law = violation_implicit.Balance(fingers, ground, scene.gravity)
-        violation_implicit.add_physics(
-            problem, window, law, *x, w, 0.0, pushes, corners
-        )
+        dynamics = Dynamics(*x, w, 0.0, pushes, corners)
+        violation_implicit.add_physics(problem, window, law, dynamics)
         values = kkt.problem.unpack(kkt.x)
         found = solve(problem, SolverOptions(ipopt={"mu_init": 1e-7}), start=values)
         assert found.success
