@@ -24,7 +24,7 @@ from formulations.names import (
 
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .reductions import REDUCTION_NAMES
-from .static_friction import rest_force
+from .static_friction import rest_force, slip_gain
 from .unreduced import unreduced
 
 if TYPE_CHECKING:
@@ -88,8 +88,9 @@ def certify(job: Job, solved: Solved, rested: Skipped | None = None) -> Certific
         if rested is not None:
             skipped.append(rested)
         elif made.still and len(solved.window.pose) > solved.window.poses:
-            force, slips = rest_force(job.scene, solved, whole)
-            skipped.append(still(solved, force))
+            rest = slip_gain if job.scene.ground is None else rest_force
+            value, slips = rest(job.scene, solved, whole)
+            skipped.append(still(solved, value))
             cuts = () if skipped[-1].holds else slips
     if made.planar:
         skipped.append(planar_certificate(job, solved))

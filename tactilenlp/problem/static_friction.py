@@ -14,7 +14,7 @@ between actions were held where 5 nats spoke against it, their paths 9 sigma off
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -35,36 +35,77 @@ MIN_SLIP_CURVATURE = 1e3  # [nats / m^2] softer than any touch: 1 / (30 mm)^2
 ON_ICE = 1.0  # [nats / m] least force: without friction a body at rest feels rounding
 
 
+class Slip(NamedTuple):
+    """The largest force on a span of samples at rest, beyond NEARLY_SLIPS of friction.
+
+    size [nats / m]; rows: the samples up to it; direction: the slip that it drives, [1]
+    of ways and [rad / m] of turns.
+    """
+
+    size: float
+    rows: np.ndarray
+    direction: np.ndarray
+
+    @property
+    def cut(self) -> int:
+        """The sample from which the body may be elsewhere."""
+        return int(self.rows[-1]) + 1
+
+
 def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     """Return the largest force on the still spans as a share of static friction [-].
 
-    Without a ground: by how many nats slips would lower the objective.  And the sample
-    of the largest force in each span where it exceeds NEARLY_SLIPS.  whole: the
-    UnreducedProblem, with a pose for every sample.
+    And the cuts of the spans that may slip.  whole: the UnreducedProblem, with a pose
+    for every sample, of a body on the ground.
+    """
+    x = _poses(whole)
+    arm = np.r_[1, 1, _lever_arm(solved, whole.window)]
+    friction = _static_friction(scene, solved.solution)
+    share, slips = _slips(solved, whole, _along(x), arm, friction)
+    return share, tuple(slip.cut for slip in slips)
+
+
+def slip_gain(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
+    """Return by how many nats slips of a floating body would lower the objective.
+
+    And the cuts of the spans that may slip; whole: as of `rest_force`.
+    """
+    x = _poses(whole)
+    along = np.tile(np.eye(len(x)), (x.shape[1], 1, 1))  # it may move any way
+    arm = np.r_[1, 1, 1, ARM, ARM, ARM]  # [m] a radian counts as so much
+    friction = _static_friction(scene, solved.solution)
+    _, slips = _slips(solved, whole, along, arm, friction)
+    if not slips:
+        return 0.0, ()
+    force = np.array([slip.size for slip in slips])
+    gains = slip_gains(force - friction, _curvatures(whole, along, slips))
+    return float(gains.sum()), tuple(slip.cut for slip in slips)
+
+
+def _poses(whole) -> np.ndarray:
+    """Return the poses (u, T) of the unreduced problem."""
+    v = whole.problem.variables["x"]
+    return whole.x[v.span].reshape(v.columns, v.rows).T
+
+
+def _slips(solved, whole, along, arm, friction) -> tuple[float, list[Slip]]:
+    """Return the largest force of all spans over friction, and the slips that are near.
+
+    along (T, 3 or 6, u): ways in which a body may slip, as changes of its pose; arm:
+    the length that a unit of each counts as [m].
     """
     v = whole.problem.variables["x"]
     slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
-    x = whole.x[v.span].reshape(slope.shape).T
-    if scene.ground is None:  # it may move any way
-        along = np.tile(np.eye(len(x)), (x.shape[1], 1, 1))
-        arm = np.r_[1, 1, 1, ARM, ARM, ARM]  # [m] a radian counts as so much
-    else:
-        along, arm = _along(x), np.r_[1, 1, _lever_arm(solved, whole.window)]
     slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
-    friction, slips, share = _static_friction(scene, solved.solution), [], 0.0
+    slips, share = [], 0.0
     for rows in _spans(solved.window.pose):
         force = np.cumsum(slope[rows[:-1]], axis=0) / arm
         size = np.linalg.norm(force, axis=1)
         i = int(np.argmax(size))
         share = max(share, size[i] / friction)
         if size[i] > NEARLY_SLIPS * friction:
-            slips.append((size[i], rows[: i + 1], force[i] / size[i] / arm))
-    cuts = tuple(int(rows[-1]) + 1 for _, rows, _ in slips)
-    if scene.ground is not None or not slips:
-        return (0.0 if scene.ground is None else share), cuts
-    force, rows, directions = zip(*slips, strict=True)
-    curvature = _curvatures(whole, along, rows, directions)
-    return float(slip_gains(np.array(force) - friction, curvature).sum()), cuts
+            slips.append(Slip(size[i], rows[: i + 1], force[i] / size[i] / arm))
+    return share, slips
 
 
 def _spans(pose) -> list[np.ndarray]:
@@ -85,17 +126,13 @@ def slip_gains(excess, curvature) -> np.ndarray:
     return slip * (excess - curvature * slip / 2)
 
 
-def _curvatures(whole, along, slipping, directions) -> np.ndarray:
-    """Return the curvatures (n,) [nats / m^2] of the costs along slips.
-
-    along (T, 3, u): see _along; slipping: the samples (n,) that move with each slip;
-    directions (n, 3): of each, along the ground, and a turn per way.
-    """
+def _curvatures(whole, along, slips: list[Slip]) -> np.ndarray:
+    """Return the curvatures (n,) [nats / m^2] of the costs along slips (n,)."""
     v, pose = whole.problem.variables["x"], whole.window.pose
-    D = np.zeros((whole.problem.size, len(directions)))
-    for d, rows, direction in zip(D.T, slipping, directions, strict=True):
-        at = np.unique(pose[rows])
-        step = np.einsum("i,tij->tj", direction, along[at])
+    D = np.zeros((whole.problem.size, len(slips)))
+    for d, slip in zip(D.T, slips, strict=True):
+        at = np.unique(pose[slip.rows])
+        step = np.einsum("i,tij->tj", slip.direction, along[at])
         d[(v.span.start + v.rows * at)[:, None] + np.arange(v.rows)] = step
     problem, x, data = whole.problem, whole.x, whole.data
     H = sum(problem.hessian(name, x, data) for name in problem.costs)
