@@ -1,13 +1,13 @@
 """Classes of shapes compared by their evidence."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
-from tactilenlp import ELLIPSOID, Estimate, solve_estimate
+from tactilenlp import ELLIPSOID, Estimate, Options, solve_estimate
 from tactilenlp.errors import NoContactError, OptionError, StartError
 from tactilenlp.estimation.solver import ClassSolver
 from tactilenlp.information.mixture import log_evidence
@@ -15,6 +15,8 @@ from tactilenlp.interface.options import Guess, Session
 from tactilenlp.interface.request import read_request
 from tactilenlp.refinement import model_selection
 from tactilenlp.search.proposals_poses import body_on_poses
+
+LIMITED = Options(time_limit=60.0)
 
 
 def line(degree, x, y, sigma, spread):
@@ -73,19 +75,21 @@ def test_a_box_is_a_box_rather_than_a_hull(recorded, tmp_path):
     assert Estimate.load(tmp_path / "box.npz").classes == estimate.classes
 
 
+@dataclass(frozen=True)
 class Known:
     """An estimate of a class with an objective, which is its evidence less the sign."""
 
-    success, fit = True, None
-
-    def __init__(self, shape, objective):
-        self.shape, self.objective, self.seconds = shape, objective, {}
+    shape: str
+    objective: float
+    seconds: dict = field(default_factory=dict)
+    classes: tuple = ()
+    success: bool = True
+    fit: object = None
 
 
 def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch):
     asked = []
     monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
-    monkeypatch.setattr(model_selection, "replace", lambda e, **given: (e, given))
     first = {"polytope": 5.0, "cuboid": 20.0, "cylinder": 300.0, "ellipsoid": 7.0}
 
     class Solver:
@@ -97,18 +101,16 @@ def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch
             return Known(shape.name, 1.0) if shape.name == "cuboid" else None
 
     classes = model_selection.classes_of(list(first))
-    options = type("Options", (), {"time_limit": 60.0})()
-    best, given = model_selection.likeliest_class(classes, Solver(), None, options)
+    best = model_selection.likeliest_class(classes, Solver(), None, LIMITED)
     assert asked == [("cuboid", "polytope", 20.0), ("cylinder", "polytope", 20.0)]
     assert (best.shape, best.objective) == ("cuboid", 1.0)
-    odds = {one.shape: one.probability for one in given["classes"]}
+    odds = {one.shape: one.probability for one in best.classes}
     assert odds["cuboid"] > 0.95
     assert sum(odds.values()) == pytest.approx(1)
 
 
 def test_two_classes_of_one_name_are_both_compared(monkeypatch):
     monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
-    monkeypatch.setattr(model_selection, "replace", lambda e, **given: (e, given))
 
     class Solver:
         def of_class(self, shape, options, start):
@@ -118,10 +120,9 @@ def test_two_classes_of_one_name_are_both_compared(monkeypatch):
             return None
 
     classes = model_selection.classes_of([polytope(12), polytope(30)])
-    options = type("Options", (), {"time_limit": 60.0})()
-    best, given = model_selection.likeliest_class(classes, Solver(), None, options)
+    best = model_selection.likeliest_class(classes, Solver(), None, LIMITED)
     assert best.objective == 1.0
-    assert len(given["classes"]) == 2
+    assert len(best.classes) == 2
 
 
 def test_sizes_are_fitted_to_the_poses_of_another_class(recorded, estimate):
@@ -154,7 +155,6 @@ def test_a_box_starts_from_the_poses_of_a_hull(touched):
 
 def test_a_start_is_given_to_every_class_that_it_fits(monkeypatch):
     monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
-    monkeypatch.setattr(model_selection, "replace", lambda e, **given: e)
     given = {}
 
     class Solver:
@@ -164,10 +164,9 @@ def test_a_start_is_given_to_every_class_that_it_fits(monkeypatch):
 
     guess = Guess(side_lengths=[0.04, 0.03, 0.05], position=[0.0, 0.0])
     classes = model_selection.classes_of(["cuboid", "cylinder", "polytope"])
-    options = type("Options", (), {"time_limit": 60.0})()
-    model_selection.likeliest_class(classes, Solver(), guess, options)
+    model_selection.likeliest_class(classes, Solver(), guess, LIMITED)
     assert given == {"cuboid": guess, "cylinder": None, "polytope": None}
     with pytest.raises(StartError, match="no class can start"):
-        model_selection.likeliest_class(classes[1:], Solver(), guess, options)
+        model_selection.likeliest_class(classes[1:], Solver(), guess, LIMITED)
     with pytest.raises(OptionError, match="start"):
-        model_selection.likeliest_class(classes, Solver(), "nonsense", options)
+        model_selection.likeliest_class(classes, Solver(), "nonsense", LIMITED)

@@ -100,6 +100,7 @@ def test_stopping_twice_is_as_good_as_once():
         wired.board.stop()
         wired.board.stop()
     wired.board.stop()
+    assert_left_in_peace(wired)
 
 
 def test_stopping_a_bus_that_is_gone_is_logged_and_goes_on(caplog):
