@@ -77,6 +77,9 @@ def parser() -> argparse.ArgumentParser:
     words = "classes of shapes (default: both)"
     shapes = {"choices": SHIPPED, "default": SHIPPED}
     ahead.add_argument("--shape", nargs="+", **shapes, help=words)
+    for command in commands.choices.values():  # before or after the command
+        add, unset = command.add_argument, argparse.SUPPRESS
+        add("--verbose", action="store_true", default=unset, help=argparse.SUPPRESS)
     return top
 
 

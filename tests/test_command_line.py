@@ -8,7 +8,7 @@ import pytest
 from conftest import RECORDED
 
 from tactilenlp import Estimate, Measurements
-from tactilenlp.__main__ import main
+from tactilenlp.__main__ import main, parser
 from tactilenlp.errors import Interrupted, OptionError, WriteError
 
 
@@ -229,3 +229,9 @@ def test_nothing_is_compiled_ahead_without_a_compiler(monkeypatch, capsys):
     monkeypatch.setattr("tactilenlp.nlp.codegen.compiler", lambda: None)
     assert main(["compile"]) == 2
     assert "no C compiler" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["--verbose", "estimate", "x"], ["estimate", "x"]])
+def test_verbose_is_taken_before_and_after_the_command(words):
+    assert parser().parse_args([*words, "--verbose"]).verbose
+    assert parser().parse_args(words).verbose == ("--verbose" in words)

@@ -114,7 +114,7 @@ def raise_unless_good(estimate, solved) -> None:
         raise MotionError(
             "the object did not only slide",
             where="touch",
-            got=f"{tilted[0].value:.0%} of an action's touches not explained",
+            got=f"{min(tilted[0].value, 1.0):.0%} of an action's touches not explained",
             expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
             "did, let it tilt by Options(without='planar'), or pass throw=False",
