@@ -29,9 +29,8 @@ from trimesh.sample import sample_surface
 from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import precise
 from tactilenlp.evaluation import metrics
-from tactilenlp.geometry.faces import touched_faces
+from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.information.measurement_noise import KNOWN_FACE
 from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.term_functions import default_cache
 

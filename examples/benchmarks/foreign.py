@@ -29,8 +29,7 @@ from study import study_parser, table, tabled_study, telling, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
-from tactilenlp.geometry.faces import touched_faces
-from tactilenlp.information.measurement_noise import KNOWN_FACE
+from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 
 TOLD = ("refused", *(f"side_{a}_error" for a in "xyz"), "verdict", "cpu_s")
 

@@ -23,13 +23,14 @@ from formulations.violation_implicit import NORMAL, TOUCH
 
 from ..data.contact_segments import intervals
 from ..information.comparisons import sample_information
+from ..information.error_budget_terms import REACHED
 from ..information.tangent_space import rotations, tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
 from ..local.hypothesis import Hypothesis, distinct
 from ..problem.poses import rotations_on_ground
 
 log = logging.getLogger("tactilenlp")
-POSE_PRIOR_SIGMA = 0.1, 3.0  # [m], [rad] of a pose before any touch
+POSE_PRIOR_SIGMA = REACHED, 3.0  # [m], [rad] of a pose before any touch
 # [-] to that of the best: hypotheses of a smaller weight are omitted.
 MIN_RELATIVE_WEIGHT = 0.02
 ROUNDED_TO_ZERO = 1e-14  # [-] least eigenvalue of a correlation over its largest

@@ -13,6 +13,7 @@ from ..errors import OptionError
 from .convex_hull import fingers_in_body
 from .transforms import directions_in_body, rotation_of
 
+KNOWN_FACE = 3  # contact samples that make a face known: fewer may be wrong booleans
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
 BOX_NORMALS = np.stack([-np.eye(3), np.eye(3)], axis=1)  # (3 axes, 2 sides, 3)
 FACE_REACH = 0.5e-3  # [m] a contact point this near to a face is on it

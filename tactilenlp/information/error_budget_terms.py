@@ -15,10 +15,10 @@ from formulations.names import BALL, FINGER, GROUND_GAP, RESPONSE
 from formulations.violation_implicit import BALANCE_SIGMA
 
 from ..geometry.convex_hull import SIGMA_INSIDE
+from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 from .linearisation import ASSUMPTION_STEP, difference, kkt_residual
-from .measurement_noise import KNOWN_FACE
 from .tangent_space import rotations
 
 GIVEN_FRICTION_ERROR = 0.1  # [-] relative deviation of a coefficient

@@ -35,6 +35,7 @@ from formulations.names import (
 from ..data.contact_segments import rate_of
 from ..data.sensor_noise import RAYLEIGH_MEDIAN, smoothing_matrices
 from ..errors import PageError
+from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
 
@@ -45,7 +46,6 @@ DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central dif
 LEAST_DATUM = 1e-2  # [SI]
 CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
 WHOLE_NUMBER = 1e-2  # [-] how far a decoded number may lie from a whole one
-KNOWN_FACE = 3  # contact samples that make a face known
 CONTRADICTION = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
 
 

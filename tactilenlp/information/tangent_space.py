@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..geometry.convex_hull import centroid
-from .measurement_noise import KNOWN_FACE
+from ..geometry.faces import KNOWN_FACE
 
 AXES = ("x", "y", "z")
 UNKNOWNS = {  # the words for the unknowns of a pose, by motion

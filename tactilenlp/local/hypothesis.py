@@ -15,8 +15,8 @@ import numpy as np
 
 from ..common.brief import printed
 from ..common.layout import ANY
+from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar, matrices
-from ..information.measurement_noise import KNOWN_FACE
 from ..information.mixture import relabellings
 from ..tracking.surface import supports, trajectory_outline
 from ..tracking.tracks import diverse

@@ -24,6 +24,7 @@ from formulations.names import (
     TOUCH_SCALE,
     TOUCH_TERM,
 )
+from formulations.violation_implicit import TOUCH
 
 from ..errors import MotionError
 from ..geometry.transforms import rotate_back
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from ..local.solved import Solved
     from .window import Window
 
-GAP_ERROR, NORMAL_ERROR = 0.15e-3, 0.015  # [m], [rad] of a touch model
+NORMAL_ERROR = 0.015  # [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
 MIN_OF_TOUCH = 3  # samples
 MIN_OF_ACTION, SHARE_OF_ACTION = 2, 0.2  # samples, [-]
@@ -91,7 +92,7 @@ def unexplained_by_action(job: Job, solved: Solved) -> list[Evidence]:
     problem = replace(job, page=page).build(window)
     shared = {name: values[name] for name in problem.variables if name in values}
     scale = {
-        TOUCH_SCALE: np.hypot(GAP_ERROR, window.sigma_position),
+        TOUCH_SCALE: np.hypot(TOUCH, window.sigma_position),
         NORMAL_SCALE: np.hypot(NORMAL_ERROR, window.sigma_normal),
     }
     wrong = unexplained(problem, window, problem.pack(shared), problem.data(scale))

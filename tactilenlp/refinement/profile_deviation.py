@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..information.measurement_noise import KNOWN_FACE
+from ..geometry.faces import KNOWN_FACE
 from ..information.tangent_space import LEAST_SIGMA
 from ..local.margins import BETTER_OPTIMUM, ONE_SIGMA, PROFILE_RISE
 from ..local.solved import Solved

@@ -36,9 +36,9 @@ import numpy as np
 from formulations.sensing import FREEDOM
 from formulations.size_prior import size_cost
 
+from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
-from ..information.measurement_noise import KNOWN_FACE
 from ..information.tangent_space import final_unknowns
 from ..local.hypothesis import Hypothesis, resized
 from ..local.levels import RANKING_TOLERANCE
