@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from conftest import benchmark
 from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
 from formulations.sliding_contact import LOAD_ROUNDING, Pusher
-from formulations.sliding_path import path
 from formulations.time_stepping import STEP_V_EPS, Sliding, step_functions
 from tactilenlp.nlp.term_functions import default_cache
 
@@ -21,6 +21,7 @@ AWAY = np.array([1.0, 1.0, 0.02])  # [m] a finger here touches nothing
 BODY = Sliding(CUBOID, SPHERE, mass=0.5, gravity=G)
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # compiling takes longer
+paths = benchmark("sliding_path")
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +166,7 @@ def dense(sparsity, nonzeros):
     return out
 
 
-def test_a_recorded_push_is_followed_within_a_millimetre(recorded):
+def test_a_recorded_push_is_followed_within_a_millimetre(recorded, paths):
     """The shipped recording is MuJoCo's; every action starts at its true pose."""
     data, scene, truth = recorded
     turn = Rotation.from_quat(np.roll(truth["object_quaternion"], -1, axis=1))
@@ -176,7 +177,7 @@ def test_a_recorded_push_is_followed_within_a_millimetre(recorded):
     found = []
     for action in np.unique(data.action):
         rows = np.nonzero(data.action == action)[0]
-        walk = path(body, data.fingers, len(rows))
+        walk = paths.path(body, data.fingers, len(rows))
         fingers = data.finger_position[rows].reshape(len(rows), -1).T
         args = truth["side_lengths"], known, fingers, data.finger_radius
         error = np.asarray(walk(x[rows[0]], *args)).T - x[rows]

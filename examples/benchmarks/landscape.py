@@ -25,12 +25,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path
+from sliding_path import path
 from study import executor_of, mapped, study_parser, table, write_csv
 
 from formulations import multiple_shooting, violation_implicit
 from formulations.finger import SPHERE
 from formulations.shape import CUBOID
-from formulations.sliding_path import path
 from formulations.time_stepping import Sliding
 from tactilenlp import Measurements, Problem, Scene, example_recording
 from tactilenlp.data.sensor_noise import precision_of

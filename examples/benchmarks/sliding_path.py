@@ -1,4 +1,4 @@
-r"""The path of a body that slides: time_stepping.py, one step after another.
+r"""The path of a body that slides: formulations/time_stepping.py, step after step.
 
 x_0 at rest,    x_{t+1} = f_theta(x_t, x_{t-1}, r_t)
 """
@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from .rigid_body import PLANAR
-from .sliding_contact import Pusher
+from formulations.rigid_body import PLANAR
+from formulations.sliding_contact import Pusher
 
 
 def path(body, fingers, samples):
