@@ -12,6 +12,7 @@ plt.switch_backend("Agg")  # without a screen
 OFFSETS = ("joints", "constant", "ignored")  # how the fingers' errors are estimated
 KEYS = {"p2s_mm": "exact surface distance [mm]", "bch_mm": "bCH [mm]"}
 COLOURS = {"eig": "#0072B2", "random": "#D55E00"}
+NAMES = {"eig": "chosen", "random": "random"}
 LINES = {"joints": "-", "constant": "--", "ignored": ":"}
 COMPARED = {"p2s_mm": "surface", "centred_mm": "shape alone", "bch_mm": "bCH"}
 
@@ -34,7 +35,9 @@ def draw(path: Path, rows: list[dict], policies: list[str], steps: range) -> Non
             means, halves = np.array([mean_and_band(group) for group in groups]).T
             top = max(top, means.max())
             style = {"color": COLOURS.get(policy), "linestyle": LINES[offset]}
-            axes.plot(steps, means, label=f"{policy}, {offset}", **style)
+            name, alone = NAMES.get(policy, policy), len(offsets_of(rows)) == 1
+            label = name if alone else f"{name}, {offset}"
+            axes.plot(steps, means, label=label, **style)
             if offset == OFFSETS[0]:
                 band = means - halves, means + halves
                 axes.fill_between(steps, *band, color=style["color"], alpha=0.2)
