@@ -22,6 +22,5 @@ def declare(nlp, window, scene, shape):
     deviation = scene.sigma_centre * shape.typical_size
     e_m = nlp.variable(CENTRE_OF_MASS, 3, guess=0.0, unit="m", scale=1e-3)
     name = f"{CENTRE_OF_MASS} prior"
-    name = f"{CENTRE_OF_MASS} prior"
     nlp.minimize(name, lambda e_m: ca.sumsqr(e_m / deviation) / 2, e_m, role="prior")
     return e_m

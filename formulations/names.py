@@ -16,9 +16,7 @@ FREE_TERM = "free"  # cost of fingers that feel nothing (eq:loss)
 FINGER_IMPULSE = "finger impulse"  # report, (3,) [N s] on the object
 GROUND_IMPULSE = "ground impulse"  # report, (3,) [N s] on the object
 EXACT = ", exact"  # ends the name of a report: how far a rounded constraint is violated
-RESPONSE = (
-    ", impulse response"  # ends the name of a report: of a constraint, to a weight
-)
+RESPONSE = ", impulse response"  # ends a report: how a constraint moves by one weight
 INDENTATION = "indentation"  # report, [m] of a touched fingertip
 FINGER_FRICTION = "finger friction"  # coefficient, a parameter or an unknown
 GROUND_FRICTION = "ground friction"  # coefficient, a parameter or an unknown

@@ -90,26 +90,14 @@ class Scene:
             ("friction_finger", True, 0.0, 10.0, "a coefficient in [0, 10)"),
             ("gravity", False, 0.0, inf, "an acceleration of 0 m/s^2 or more"),
             ("finger_length", False, 0.0, 0.5, "a length in [0, 0.5) m"),
-            (
-                "sigma_position",
-                True,
-                never,
-                LARGEST_SIGMA,
-                "a standard deviation in (0, 0.1) m",
-            ),
+            ("sigma_position", True, never, LARGEST_SIGMA, "a deviation in (0, 0.1) m"),
             ("sigma_normal", True, never, inf, "a standard deviation above 0"),
             ("flip_rate", True, 0.0, 0.5, "a probability in [0, 0.5)"),
             ("compliance", True, 0.0, 1.0, "a compliance in [0, 1) m/N"),
             ("latency", True, 0.0, LATEST, "a time in [0, 0.2) s"),
             ("sigma_centre", False, 0.0, 1.0, "a share of a typical size in [0, 1)"),
             ("sigma_tilt", False, 0.0, STEEPEST, "an angle in [0, 0.2) rad"),
-            (
-                "sigma_offset",
-                True,
-                never,
-                LARGEST_SIGMA,
-                "a standard deviation in (0, 0.1) m",
-            ),
+            ("sigma_offset", True, never, LARGEST_SIGMA, "a deviation in (0, 0.1) m"),
         ):
             value = getattr(self, name)
             of_joints = name == "sigma_offset" and isinstance(value, JointZeros)

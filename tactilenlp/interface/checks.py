@@ -46,7 +46,7 @@ def check_page(page, shape, scene) -> None:
         raise SceneError(
             "this page is of rigid fingertips", where="scene.compliance",
             got=f"{scene.compliance} m/N with {name!r}", expected="None or 0",
-            next='use formulation="violation_implicit"',
+            next='use "violation_implicit", or name "rigid" in FREED of a page with it',
         )  # fmt: skip
 
 
