@@ -16,10 +16,11 @@ BOTH = ["cuboid", "polytope"]
 @pytest.mark.parametrize("shape", [BOTH, BOTH[::-1]], ids=["box first", "hull first"])
 def test_each_class_is_solved_by_its_own_page(shape, tmp_path):
     given = QUICK | {"file": tmp_path / "both.npz", "shape": shape}
-    (step,) = explore(World(SIDES), actions=0, **given)
+    world = World(SIDES)
+    (step,) = explore(world, actions=0, **given)
     assert {one.shape for one in step.estimate.classes} == {*BOTH}
     assert not any(one.error for one in step.estimate.classes)
-    first, second = explore(World(SIDES), actions=1, **given)  # resumed
+    first, second = explore(world, actions=1, **given)  # resumed
     assert first.estimate.theta.tolist() == step.estimate.theta.tolist()
     assert {one.shape for one in second.estimate.classes} == {*BOTH}
     assert len(Exploration.load(given["file"]).steps) == 2
