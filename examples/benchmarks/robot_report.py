@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import study
-from exploration_report import mean_and_band, paired_in_words
 from matplotlib import pyplot as plt
+from paired_tests import mean_and_band, paired_in_words
 
 plt.switch_backend("Agg")  # without a screen
 OFFSETS = ("joints", "constant", "ignored")  # how the fingers' errors are estimated

@@ -103,8 +103,8 @@ class Scene:
             of_joints = name == "sigma_offset" and isinstance(value, JointZeros)
             if of_joints or (value is None and unknown):
                 continue
-            remedy = SCENE_REMEDIES.get(name, MUST_BE_KNOWN)
-            fix = SCENE_REMEDIES.get(name, "None if unknown") if unknown else remedy
+            usual = "None if unknown" if unknown else MUST_BE_KNOWN
+            fix = SCENE_REMEDIES.get(name, usual)
             number = scene_number(name, value, expected, low, high, fix)
             object.__setattr__(self, name, number)
         fix = "write Ground(height=..., normal=...)"

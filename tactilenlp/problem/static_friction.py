@@ -58,7 +58,7 @@ def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     And the cuts of the spans that may slip.  whole: the UnreducedProblem, with a pose
     for every sample, of a body on the ground.
     """
-    x = _poses(whole)
+    x = whole.problem.unpack(whole.x)["x"]
     arm = np.r_[1, 1, _lever_arm(solved, whole.window)]
     friction = _static_friction(scene, solved.solution)
     share, slips = _slips(solved, whole, _along(x), arm, friction)
@@ -70,7 +70,7 @@ def slip_gain(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
 
     And the cuts of the spans that may slip; whole: as of `rest_force`.
     """
-    x = _poses(whole)
+    x = whole.problem.unpack(whole.x)["x"]
     along = np.tile(np.eye(len(x)), (x.shape[1], 1, 1))  # it may move any way
     arm = np.r_[1, 1, 1, ARM, ARM, ARM]  # [m] a radian counts as so much
     friction = _static_friction(scene, solved.solution)
@@ -82,20 +82,13 @@ def slip_gain(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     return float(gains.sum()), tuple(slip.cut for slip in slips)
 
 
-def _poses(whole) -> np.ndarray:
-    """Return the poses (u, T) of the unreduced problem."""
-    v = whole.problem.variables["x"]
-    return whole.x[v.span].reshape(v.columns, v.rows).T
-
-
 def _slips(solved, whole, along, arm, friction) -> tuple[float, list[Slip]]:
     """Return the largest force of all spans over friction, and the slips that are near.
 
     along (T, 3 or 6, u): ways in which a body may slip, as changes of its pose; arm:
     the length that a unit of each counts as [m].
     """
-    v = whole.problem.variables["x"]
-    slope = whole.whole_slope[v.span].reshape(v.columns, v.rows)
+    slope = whole.problem.unpack(whole.whole_slope)["x"].T
     slope = np.einsum("tij,tj->ti", along, slope)[whole.window.pose]
     slips, share = [], 0.0
     for rows in _spans(solved.window.pose):
