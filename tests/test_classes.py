@@ -76,6 +76,13 @@ def test_a_box_is_a_box_rather_than_a_hull(recorded, tmp_path):
 
 
 @dataclass(frozen=True)
+class Fit:
+    """A goodness of fit, as its verdict."""
+
+    verdict: str
+
+
+@dataclass(frozen=True)
 class Known:
     """An estimate of a class with an objective, which is its evidence less the sign."""
 
@@ -93,7 +100,7 @@ def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch
     first = {"polytope": 5.0, "cuboid": 20.0, "cylinder": 300.0, "ellipsoid": 7.0}
 
     class Solver:
-        def of_class(self, shape, options, start):
+        def of_class(self, shape, options, start, to_beat):
             return Known(shape.name, first[shape.name])
 
         def from_poses(self, shape, options, poses, most):
@@ -109,11 +116,44 @@ def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch
     assert sum(odds.values()) == pytest.approx(1)
 
 
+def test_later_classes_are_told_the_least_objective_of_a_good_fit(monkeypatch):
+    monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
+    objectives = {"cuboid": 3.0, "cylinder": 7.0, "ellipsoid": 5.0, "polytope": 6.0}
+    told = {}
+
+    class Solver:
+        def of_class(self, shape, options, start, to_beat):
+            told[shape.name] = to_beat
+            fit = Fit("bad" if shape.name == "cuboid" else "good")
+            return Known(shape.name, objectives[shape.name], fit=fit)
+
+        def from_poses(self, *_):
+            return None
+
+    classes = model_selection.classes_of(list(objectives))
+    model_selection.likeliest_class(classes, Solver(), None, LIMITED)
+    expected = {"cuboid": np.inf, "cylinder": np.inf, "ellipsoid": 7.0, "polytope": 5.0}
+    assert told == expected
+
+
+@pytest.mark.slow
+def test_a_class_far_behind_is_not_refined(touched):
+    data, scene = touched.measurements, touched.scene
+    solver = ClassSolver(data, scene, "violation_implicit", None, Session(), False)
+    refined = solver.of_class(ELLIPSOID, None, None)
+    left = solver.of_class(ELLIPSOID, None, None, refined.objective - 100.0)
+    assert left.objective >= refined.objective - 1e-6
+    assert refined.skipped
+    assert not left.skipped
+    near = solver.of_class(ELLIPSOID, None, None, refined.objective + 1.0)
+    assert near.objective == refined.objective
+
+
 def test_two_classes_of_one_name_are_both_compared(monkeypatch):
     monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
 
     class Solver:
-        def of_class(self, shape, options, start):
+        def of_class(self, shape, options, start, to_beat):
             return Known(shape.name, 1.0 if shape.theta == 36 else 50.0)
 
         def from_poses(self, *_):
@@ -158,7 +198,7 @@ def test_a_start_is_given_to_every_class_that_it_fits(monkeypatch):
     given = {}
 
     class Solver:
-        def of_class(self, shape, options, start):
+        def of_class(self, shape, options, start, to_beat):
             given.setdefault(shape.name, start)
             return Known(shape.name, 1.0)
 

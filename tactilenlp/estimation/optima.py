@@ -51,6 +51,7 @@ from ..refinement.incremental_polytope import continue_if_implausible
 from ..refinement.model_selection import most_probable
 from ..refinement.nested_models import lost_by_compliance, with_nuisance_parameters
 from ..refinement.refinement import (
+    far_behind,
     fits_badly,
     from_scratch,
     growing,
@@ -112,7 +113,7 @@ def optima_of(
     which competes.
     """
     optima = _search_once(request, incumbents, update)
-    if optima.best is None:
+    if optima.best is None or far_behind(request, optima.best):
         return optima
     if (second := _search_that_may_gain(request, optima.best)) is not None:
         other = _search_once(second, Incumbents([], incumbents.solves), update)
@@ -263,7 +264,9 @@ def _solve_page(
         solved = few.solved if few.enough else from_starts(job, starts, few.solved)
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_lags(solved)
-        if not lost_by_latency(request.job, solved[0]):
+        if far_behind(request, solved[0]):
+            log.info("far behind another class: no larger models")
+        elif not lost_by_latency(request.job, solved[0]):
             solved = _with_larger_models(solved, solve_larger)
             solved = continue_if_implausible(solved, update)
     return solved or solves.best_first()

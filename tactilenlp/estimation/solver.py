@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
 
+import numpy as np
+
 from formulations.shape import Shape
 
 from ..common.interrupt import interruptible
@@ -82,9 +84,10 @@ class ClassSolver:
     session: Session
     throw: bool
 
-    def of_class(self, shape, options, start) -> Estimate:
-        """Return the estimate of a class by its own search."""
-        return self._of_request(*self._request_of(self.scene, shape, options, start))
+    def of_class(self, shape, options, start, to_beat=np.inf) -> Estimate:
+        """Return the estimate of a class by its own search; to_beat: see Request."""
+        request, known = self._request_of(self.scene, shape, options, start)
+        return self._of_request(replace(request, to_beat=to_beat), known)
 
     def from_poses(self, shape, options, poses, most) -> Estimate | None:
         """Return the estimate of a class from the poses of another's, not by a search.

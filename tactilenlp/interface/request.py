@@ -45,7 +45,8 @@ class Request:
     data: the measurements as given; job: the same in the ground's frame and smoothed,
     with all that a solve needs; start: an Estimate, a Guess or None; executor: of
     concurrent.futures, or None; axes: see kept_axes, also where the start itself is
-    given up; doubtful: whether to search more widely.
+    given up; doubtful: whether to search more widely; to_beat: objective [nats] of a
+    class that fits well, far above which this one is not refined.
     """
 
     data: Measurements
@@ -54,6 +55,7 @@ class Request:
     executor: object = None
     axes: tuple | None = None
     doubtful: bool = False
+    to_beat: float = np.inf
 
     def job_until(self, share: float, strict: bool = True) -> Job:
         """Return the job with an earlier deadline, at which a solve ends.

@@ -94,13 +94,14 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
             next="leave it out, or add its class to the list",
         )  # fmt: skip
     began, deadline = time.process_time(), Deadline.within(options.time_limit)
-    estimates, errors = {}, {}
+    estimates, errors, to_beat = {}, {}, np.inf
     for i, shape in enumerate(classes):
         share = deadline.left / (len(classes) - i)
         left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
         try:
             own_start = start if _starts_from(start, shape) else None
-            estimate = solver.of_class(shape, left, own_start)
+            estimate = solver.of_class(shape, left, own_start, to_beat)
+            to_beat = min(to_beat, _good_objective(estimate))
             estimates[i] = evidence_of(estimate, shape), estimate
         except PageError:
             raise
@@ -113,6 +114,12 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
     _, best = max(estimates.values(), key=lambda one: one[0])
     seconds = best.seconds | {"total": time.process_time() - began}
     return replace(best, seconds=seconds, classes=odds_of(estimates.values(), failed))
+
+
+def _good_objective(estimate) -> float:
+    """Return the objective [nats] of an estimate whose fit is good; inf of others."""
+    good = estimate.success and estimate.fit and estimate.fit.verdict == "good"
+    return estimate.objective if good else np.inf
 
 
 def _starts_from(start, shape) -> bool:

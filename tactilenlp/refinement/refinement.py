@@ -21,6 +21,7 @@ from ..local.local_solve import freed_to_tilt, solved_from, warm_started
 from ..local.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
+    NEGLIGIBLE,
     RAN_AWAY,
     UNCHANGED,
 )
@@ -101,6 +102,15 @@ def solve_from_estimate(job, start) -> list[Solved]:
     if not same_data or {**start.reductions} != asdict(job.reductions):
         return []
     return [warm_started(job, past_solution(job, start))]
+
+
+def far_behind(request, best: Solved) -> bool:
+    """Tell whether a class is of no weight beside another one, whose fit is good.
+
+    What larger models free belongs to the world, and explains no class better where
+    data do without it.  A lost trajectory is found again from the other's poses.
+    """
+    return best.solution.objective > request.to_beat + NEGLIGIBLE
 
 
 def update_costs_too_much(request, best: Solved) -> bool:
