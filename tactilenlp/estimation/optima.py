@@ -264,9 +264,7 @@ def _solve_page(
         solved = few.solved if few.enough else from_starts(job, starts, few.solved)
         check_finite(solved[0].problem, solved[0].solution)
         solved = with_lags(solved)
-        if far_behind(request, solved[0]):
-            log.info("far behind another class: no larger models")
-        elif not lost_by_latency(request.job, solved[0]):
+        if not lost_by_latency(request.job, solved[0]):
             solved = _with_larger_models(solved, solve_larger)
             solved = continue_if_implausible(solved, update)
     return solved or solves.best_first()

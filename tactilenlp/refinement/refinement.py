@@ -6,6 +6,7 @@ free motion is close.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -33,6 +34,8 @@ from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
 from .incremental import continues, past_solution, still_explained, update_limit
 from .incremental_polytope import continue_if_implausible
+
+log = logging.getLogger("tactilenlp")
 
 
 def solve_from_hypotheses(job, kept, solves, start=None, earlier=()) -> list[Solved]:
@@ -107,10 +110,14 @@ def solve_from_estimate(job, start) -> list[Solved]:
 def far_behind(request, best: Solved) -> bool:
     """Tell whether a class is of no weight beside another one, whose fit is good.
 
-    What larger models free belongs to the world, and explains no class better where
-    data do without it.  A lost trajectory is found again from the other's poses.
+    Its turned sensors and soft fingertips are tried, since they may explain the data as
+    well; tilts, another search and certificates are not: a trajectory that was lost is
+    found from the poses of the other class.
     """
-    return best.solution.objective > request.to_beat + NEGLIGIBLE
+    behind = best.solution.objective > request.to_beat + NEGLIGIBLE
+    if behind:
+        log.info("far behind another class: no other motions, no certificates")
+    return behind
 
 
 def update_costs_too_much(request, best: Solved) -> bool:
