@@ -11,8 +11,8 @@ from fuzz_values import pick
 import tactilenlp as t
 from tactilenlp.__main__ import main
 from tactilenlp.exploration.options import ExploreOptions
-from tactilenlp.interface.options import PROCESS
 from tactilenlp.interface.request import read_request
+from tactilenlp.interface.session import PROCESS
 
 
 def command(rng, known: Known) -> str:

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
-from tactilenlp.local.hypothesis import Hypothesis, same_body
+from tactilenlp.local.comparison import same_body
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement.axis_names import naming, with_axes
 from tactilenlp.tracking.surface import rotation_at
 

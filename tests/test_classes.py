@@ -11,8 +11,8 @@ from tactilenlp import CYLINDER, ELLIPSOID, Estimate, Options, solve_estimate
 from tactilenlp.errors import NoContactError, OptionError, StartError
 from tactilenlp.estimation.solver import ClassSolver
 from tactilenlp.information.mixture import log_evidence
-from tactilenlp.interface.options import Guess, Session
 from tactilenlp.interface.request import read_request
+from tactilenlp.interface.session import Guess, Session
 from tactilenlp.refinement import model_selection
 from tactilenlp.search.proposals_poses import body_on_poses
 

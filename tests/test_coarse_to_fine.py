@@ -14,7 +14,7 @@ from tactilenlp.estimation.coarse_to_fine import (
     coarse_rows,
     interpolate,
 )
-from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.search.multi_hypothesis import TrackingSearch
 
 RATIO = 3  # samples of the dense recording in each interval of the recorded one

@@ -12,11 +12,11 @@ from formulations import polytope_violation_implicit
 from formulations.polytope import polytope
 from tactilenlp import solve_estimate
 from tactilenlp.common.deadline import NEVER
-from tactilenlp.interface.options import Options
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.local.margins import DECISIVE
 from tactilenlp.local.solved import Solved, best_first
+from tactilenlp.problem.hypothesis import Hypothesis
+from tactilenlp.problem.options import Options
 from tactilenlp.refinement import incremental_polytope
 
 PAGE = polytope_violation_implicit

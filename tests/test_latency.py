@@ -21,9 +21,9 @@ from tactilenlp.data.sensor_noise import (
 from tactilenlp.errors import MistakeError, SceneError
 from tactilenlp.estimation.programme import programme_at
 from tactilenlp.geometry.transforms import quaternion_of
-from tactilenlp.interface.options import Session
 from tactilenlp.interface.readout import hull_poses
 from tactilenlp.interface.request import make_job, read_request
+from tactilenlp.interface.session import Session
 from tactilenlp.problem.pages import page_of, shape_of
 from tactilenlp.refinement.model_selection import evidence_of
 

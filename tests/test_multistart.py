@@ -12,10 +12,11 @@ from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import Hypothesis, distinct, same_body
+from tactilenlp.local.comparison import distinct, same_body
 from tactilenlp.local.levels import freed_levels
 from tactilenlp.local.local_solve import continuation, solved_from
 from tactilenlp.local.solved import Solved, Solves, best_first
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.search import multistart as starts
 from tactilenlp.search.multistart import multistart
 

@@ -16,7 +16,7 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.information.error_budget_terms import REACHED
-from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement.profile_deviation import VAGUE_SHARE
 from tactilenlp.refinement.profile_likelihood import KNOWN_POSITION, touched_ends
 

@@ -22,8 +22,8 @@ from tactilenlp.errors import TactileError
 from tactilenlp.geometry import convex_hull as hull
 from tactilenlp.geometry import simplification
 from tactilenlp.geometry.convex_hull import nearest_points, unseen_ball
-from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.local.local_solve import with_vertices_on_hull
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.polytope_window import (
     hull_moments,
     support_shares,

@@ -20,14 +20,14 @@ from tactilenlp import (
     surface_distance,
     vertex_information,
 )
+from tactilenlp.certificates import static_friction
 from tactilenlp.common.deadline import NEVER
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.geometry.convex_hull import nearest_points
-from tactilenlp.interface.options import Options
 from tactilenlp.interface.readout import information_in_time, read_hull
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.local_solve import solved_from
-from tactilenlp.problem import static_friction
+from tactilenlp.problem.options import Options
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.polytope_init import search_polytope
 

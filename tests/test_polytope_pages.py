@@ -17,8 +17,8 @@ from formulations import (
 from formulations.polytope import polytope
 from tactilenlp import Options
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.problem import Problem
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.polytope_window import build_window, hull_moments
 from tactilenlp.search.plane_slam import Faces, as_measured, planes_window
 

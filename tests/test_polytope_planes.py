@@ -15,7 +15,7 @@ from formulations.touched_planes import OTHER_COST, Touched
 from tactilenlp import Options
 from tactilenlp.geometry.convex_hull import centre_of_shape
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import Hypothesis
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.problem.window import Samples
 from tactilenlp.search.plane_slam import as_measured, poses_of_new_action

@@ -11,9 +11,9 @@ from tactilenlp import Options, Session
 from tactilenlp.estimation.initial_search import initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
-from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.local.local_solve import solved_from
 from tactilenlp.local.margins import PROFILE_RISE
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement import certification
 from tactilenlp.refinement.profile_deviation import (
     TAIL_GROWTH,

@@ -26,8 +26,9 @@ from tactilenlp import (
     solve_estimate,
 )
 from tactilenlp.errors import OptionError, StartError
-from tactilenlp.local.hypothesis import Hypothesis, same_body
+from tactilenlp.local.comparison import same_body
 from tactilenlp.output.summary import named_size
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.search.proposals_floating import search_plane
 from tactilenlp.tracking.geometry import geometry_of

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Problem, Scene, extend, solve_estimate
+from tactilenlp.certificates.static_friction import LONGEST_SLIP, slip_gains
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.evaluation.metrics import cuboid_errors
+from tactilenlp.local.transfer import transferred_values
 from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.missing_samples import possible_contact
 from tactilenlp.problem.reductions import Reductions, may_move, window_of_samples
-from tactilenlp.problem.static_friction import LONGEST_SLIP, slip_gains
-from tactilenlp.problem.unreduced import transferred_values
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solution import evaluated
 from tactilenlp.solvers.solve import solve, solve_levels

@@ -13,7 +13,7 @@ from tactilenlp.estimation import optima
 from tactilenlp.estimation.initial_search import ContactFrame, initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.interface.request import read_request
-from tactilenlp.local.hypothesis import diverse_starts, same_body
+from tactilenlp.local.comparison import diverse_starts, same_body
 from tactilenlp.search.least_motion import least_motion, unseen_optima
 from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.geometry import geometry_of

@@ -21,11 +21,11 @@ from formulations import (
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import Measurements, Options, Scene
-from tactilenlp.interface.options import Session
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import Hypothesis
-from tactilenlp.local.job import FunctionsByPage
+from tactilenlp.interface.session import Session
 from tactilenlp.local.local_solve import built_page
+from tactilenlp.problem.hypothesis import Hypothesis
+from tactilenlp.problem.job import FunctionsByPage
 
 pytestmark = pytest.mark.usefixtures("not_compiled")  # nothing is evaluated
 

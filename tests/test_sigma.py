@@ -19,8 +19,8 @@ from tactilenlp.information.error_budget_terms import (
 from tactilenlp.information.linearisation import Linearisation, kkt_residual
 from tactilenlp.information.measurement_noise import gaps_of_touches, touches
 from tactilenlp.information.tangent_space import TangentSpace, inverse
-from tactilenlp.local.hypothesis import Hypothesis, resized
 from tactilenlp.nlp.kkt import LEAST_CURVATURE, kkt_system_of
+from tactilenlp.problem.hypothesis import Hypothesis, resized
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import solve
 

@@ -10,10 +10,11 @@ import pytest
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
 from tactilenlp import Options, solve_estimate
+from tactilenlp.certificates import static_friction
+from tactilenlp.certificates.certify import frictionless
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.local_solve import solved_from, warm_started
-from tactilenlp.problem import static_friction
-from tactilenlp.problem.certificates import Skipped, frictionless
+from tactilenlp.problem.skipped import Skipped
 from tactilenlp.refinement.certification import restore_reductions
 
 DECLINED = Skipped("rigid", "compliance", "rigid", "gains [nats]", 1.0, 5.0, True)

@@ -30,10 +30,10 @@ from tactilenlp.information.mixture import (
     occam_of_vertices,
 )
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.local.local_solve import built_page
 from tactilenlp.local.solved import Solves
 from tactilenlp.nlp.diagnostics import check
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.polytope_window import VERTICES_READ
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement

@@ -4,8 +4,8 @@ import pytest
 
 from tactilenlp import Options
 from tactilenlp.estimation import optima
-from tactilenlp.interface.options import DOUBTFUL_WIDTHS, NOISY_WIDTHS, PRECISE_WIDTHS
 from tactilenlp.interface.request import read_request
+from tactilenlp.problem.options import DOUBTFUL_WIDTHS, NOISY_WIDTHS, PRECISE_WIDTHS
 
 
 def test_a_doubtful_trajectory_of_noisy_sensors_is_searched_more_widely():

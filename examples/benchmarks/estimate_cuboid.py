@@ -31,8 +31,8 @@ from tactilenlp.data.sensor_noise import precise
 from tactilenlp.evaluation import metrics
 from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 from tactilenlp.geometry.transforms import rotation_of
-from tactilenlp.local.hypothesis import Hypothesis
 from tactilenlp.nlp.term_functions import default_cache
+from tactilenlp.problem.hypothesis import Hypothesis
 
 A = np.random.default_rng(0).normal(size=(700, 700))  # LAPACK solves A x = b: the unit
 EXACT = ("still", "far", "absent")  # reductions besides the planar motion

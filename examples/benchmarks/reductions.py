@@ -35,8 +35,6 @@ from tactilenlp import Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import Deadline
 from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.geometry.tipping import planar_to_free
-from tactilenlp.local.hypothesis import Hypothesis
-from tactilenlp.local.job import FunctionsByPage, Job
 from tactilenlp.local.local_solve import (
     built_page,
     freed_to_tilt,
@@ -44,6 +42,8 @@ from tactilenlp.local.local_solve import (
     warm_started,
 )
 from tactilenlp.local.solved import BuiltPage, Solved
+from tactilenlp.problem.hypothesis import Hypothesis
+from tactilenlp.problem.job import FunctionsByPage, Job
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.polytope_init import search_polytope
 from tactilenlp.search.proposals_floating import (

@@ -131,10 +131,10 @@ def measure_widely(file: str, actions: int) -> dict:
 def solved_along(data, scene, theta, position, quaternion) -> float:
     """Return the objective of the page solved from a path of a box that slid."""
     from tactilenlp import Options
-    from tactilenlp.interface.options import Session
     from tactilenlp.interface.request import read_request
-    from tactilenlp.local.hypothesis import Hypothesis
+    from tactilenlp.interface.session import Session
     from tactilenlp.local.local_solve import solved_from
+    from tactilenlp.problem.hypothesis import Hypothesis
 
     page, n = "violation_implicit", data.samples
     request, _ = read_request(

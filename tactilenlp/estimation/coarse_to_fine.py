@@ -14,15 +14,16 @@ from functools import partial
 
 import numpy as np
 
+from ..certificates.certify import certify
 from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
 from ..interface.checks import check_touched
 from ..interface.request import Request
-from ..local.hypothesis import Hypothesis, distinct
+from ..local.comparison import distinct
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved
-from ..problem.certificates import certify
+from ..problem.hypothesis import Hypothesis
 from ..refinement.nested_models import NUISANCES
 from ..refinement.refinement import from_scratch
 from ..refinement.sensor_lags import with_lags

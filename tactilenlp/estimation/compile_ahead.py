@@ -7,9 +7,9 @@ import logging
 from ..data.examples import example_recording
 from ..data.measurements import Measurements
 from ..data.scene import Scene
-from ..interface.options import PROCESS
 from ..interface.request import read_request
 from ..interface.result import Estimate
+from ..interface.session import PROCESS
 from ..local.local_solve import built_page, in_motion_of
 from ..problem.pages import shape_of
 from .solver import solve_estimate

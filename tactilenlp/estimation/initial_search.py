@@ -14,12 +14,12 @@ from ..data.contact_segments import first_contact, first_onset
 from ..data.ground import frame_of
 from ..data.joint_offsets import JointZeros
 from ..geometry.transforms import move_poses, planar_matrix
-from ..interface.options import Guess
 from ..interface.request import Request, first_guess
-from ..local.hypothesis import Hypothesis
-from ..local.job import Job
+from ..interface.session import Guess
 from ..local.local_solve import built_page
 from ..nlp.term_functions import default_cache
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..problem.reductions import Reductions
 from ..search.multi_hypothesis import TrackingSearch
 from ..search.polytope_init import search_polytope

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
+from ..certificates.outliers import check_explained
 from ..common.deadline import NEVER, Deadline
 from ..data.contact_segments import samples_until
 from ..errors import Interrupted, MotionError
@@ -13,7 +14,6 @@ from ..interface.request import Request
 from ..interface.result import Estimate
 from ..local.local_solve import in_motion_of, solved_from
 from ..local.solved import BuiltPage, Solved, Solves
-from ..problem.outliers import check_explained
 from ..problem.pages import name_of, page_of
 from ..problem.polytope_window import build_window
 from ..refinement.axis_names import with_named_axes

@@ -29,11 +29,11 @@ from ..information.measurement_noise import (
     sensor_covariance,
 )
 from ..information.tangent_space import inverse
-from ..interface.options import Options
 from ..interface.request import read_request
 from ..interface.result import Estimate
 from ..local.local_solve import built_page
 from ..nlp.problem import Problem
+from ..problem.options import Options
 from ..refinement.incremental import past_solution
 from .programme import class_and_page, programme_at
 

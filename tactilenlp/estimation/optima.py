@@ -35,10 +35,11 @@ import numpy as np
 
 from ..interface.request import Request
 from ..interface.result import Estimate
-from ..local.hypothesis import Hypothesis, distinct, same_body
-from ..local.job import Job
+from ..local.comparison import distinct, same_body
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..refinement.axis_names import with_named_axes
 from ..refinement.certification import (
     restore_reductions,

@@ -7,9 +7,9 @@ from time import monotonic
 import numpy as np
 
 from ..errors import OptionError
-from ..interface.options import Options
 from ..interface.request import make_job
 from ..local.solved import Solved
+from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
 from ..refinement.incremental import past_solution
 

@@ -18,11 +18,12 @@ from ..common.threads import on_one_thread
 from ..common.validation import check_types
 from ..data.scene import Scene
 from ..errors import typed_call
-from ..interface.options import PROCESS, Guess, Options, Session
 from ..interface.readout import read_off
 from ..interface.request import Request, read_request
 from ..interface.result import Estimate
+from ..interface.session import PROCESS, Guess, Session
 from ..local.solved import Solved
+from ..problem.options import Options
 from ..refinement.incremental_polytope import update_by_one_action
 from ..refinement.model_selection import classes_of, likeliest_class
 from ..search.proposals_poses import body_on_poses

@@ -26,7 +26,8 @@ from ..information.comparisons import sample_information
 from ..information.error_budget_terms import REACHED
 from ..information.tangent_space import rotations, tangent_of, widest_deviations
 from ..information.trajectory import prior_of_offsets
-from ..local.hypothesis import Hypothesis, distinct
+from ..local.comparison import distinct
+from ..problem.hypothesis import Hypothesis
 from ..problem.poses import rotations_on_ground
 
 log = logging.getLogger("tactilenlp")

@@ -19,9 +19,9 @@ from ..errors import OptionError, StartError
 from ..estimation.solver import solve_estimate
 from ..evaluation.metrics import errors_of
 from ..information.information import POSE
-from ..interface.options import Guess
 from ..interface.request import check_start, checked_request
 from ..interface.result import Estimate
+from ..interface.session import Guess
 from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace, workspace_of

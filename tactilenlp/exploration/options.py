@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.validation import check_numbers, check_types, checked_place
 from ..errors import OptionError, did_you_mean, typed_call
-from ..interface.options import Options
+from ..problem.options import Options
 from ..problem.pages import shape_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +21,8 @@ from formulations.names import TOUCH_TERM
 from ..data.ground import frame_of
 from ..data.sensor_noise import reported_late
 from ..nlp.kkt import KKTSystem
+from ..problem.job import Job
+from ..problem.window import Window
 from .consider_parameters import ConsiderParameter, ground_tilt, scalars_of
 from .measurement_noise import (
     MixedDerivatives,
@@ -29,10 +30,6 @@ from .measurement_noise import (
     sensitivity_to_measurements,
 )
 from .tangent_space import pose_jacobians
-
-if TYPE_CHECKING:
-    from ..local.job import Job
-    from ..problem.window import Window
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,9 +37,7 @@ from ..errors import PageError
 from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
-
-if TYPE_CHECKING:
-    from ..local.job import Job
+from ..problem.job import Job
 
 DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
 LEAST_DATUM = 1e-2  # [SI]

@@ -3,7 +3,7 @@
 In: `Measurements`, `Scene`, a shape, a page, `Options`, perhaps an earlier estimate.
 Out: a `Request` with everything checked; an `Estimate` in the frame of the data.
 
-- `options`: `Options`, `Guess`, `Session`
+- `session`: `Guess`, `Session`: what a solve may begin with
 - `checks`: what a request is checked for, by typed errors before any solve
 - `request`: the request as it was read
 - `result`: `Estimate`, by name and in SI units

@@ -22,15 +22,16 @@ from ..data.sensor_noise import (
 )
 from ..errors import StartError
 from ..geometry.transforms import planar_matrix, rotation_of
-from ..local.hypothesis import Hypothesis
-from ..local.job import FunctionsByPage, Job
 from ..problem.fingertips import check_round_fingertips as check_round
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import FunctionsByPage, Job
+from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions
 from ..search.proposals_poses import as_polytope
 from .checks import check_executor, check_page, check_touched
-from .options import Guess, Options, Session
 from .result import Estimate
+from .session import Guess, Session
 
 # [s] of the information, and of a long limit: 3 to 9 s with 3000 samples
 READOUT_TIME, READOUT_SHARE, MOST_READOUT_TIME = 2.0, 0.15, 10.0

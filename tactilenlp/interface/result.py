@@ -31,10 +31,10 @@ from ..geometry.transforms import rotation_of
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
-from ..local.hypothesis import Hypothesis
 from ..output.summary import remarks_of, summary_of
-from ..problem.certificates import Skipped
 from ..problem.fingertips import as_spheres
+from ..problem.hypothesis import Hypothesis
+from ..problem.skipped import Skipped
 from ..solvers.solution import Solution
 
 ESTIMATE_FORMAT, ESTIMATE_VERSION = "estimate", 2  # of the files that `save` writes

@@ -3,9 +3,10 @@
 In: a `Job` (measurements, scene, shape, page), a `Hypothesis` (shape and trajectory).
 Out: a `Solved` page: optimum, evidence, KKT system, fit, certificates.
 
-- `job`: what is solved; `hypothesis`: what it is solved from, how two are compared
 - `local_solve`: from a hypothesis, from an earlier solution, by continuation;
-  `levels`: the solves of a continuation
+  `levels`: the solves of a continuation; `transfer`: values and multipliers of a
+  solution for a problem of other samples
+- `comparison`: whether two hypotheses are the same body, or far from each other
 - `solved`: a page as it is built and solved
 - `margins`: how far objectives must differ before a choice depends on it
 """

@@ -14,15 +14,15 @@ from formulations.rigid_body import PLANAR
 from ..geometry.convex_hull import hull_vertices, volume
 from ..geometry.simplification import more_vertices
 from ..geometry.tipping import planar_to_free
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..problem.polytope_window import build_window
 from ..problem.reductions import required_reductions
-from ..problem.unreduced import transferred_values
 from ..problem.window import Window
 from ..solvers.solution import Solution, after, unfinished
-from .hypothesis import Hypothesis
-from .job import Job
 from .levels import levels_of
 from .solved import BuiltPage, Solved
+from .transfer import transferred_values
 
 RESTART_MU = 1e-5  # IPOPT's mu_init from a solution that lacks only what was dropped
 COLLAPSED = "Collapsed_Body"  # status of a solve whose next level has no body

@@ -29,8 +29,3 @@ DECISIVE = 3.0
 PROFILE_RISE = DECISIVE  # at which one ends; half of it for a pose: a rougher solve
 ONE_SIGMA = 0.5  # of a Gaussian at one standard deviation
 BETTER_OPTIMUM = 0.1  # by which another optimum is better
-
-
-def ranked(objective: float) -> float:
-    """Return an objective to sort by, rounded: of symmetric twins the first wins."""
-    return round(objective, 3)

@@ -23,17 +23,17 @@ from ..information.tangent_space import (
 )
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
-from ..problem.certificates import Certificates
+from ..problem.hypothesis import Hypothesis, ranked
+from ..problem.job import Job
 from ..problem.pages import check_unknowns
 from ..problem.polytope_window import PolytopeWindow
 from ..problem.poses import poses
+from ..problem.skipped import Certificates
 from ..problem.window import Window
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, after
 from ..solvers.solve import Solvers, solve_levels
-from .hypothesis import Hypothesis
-from .job import Job
-from .margins import DECISIVE, NEGLIGIBLE, ranked
+from .margins import DECISIVE, NEGLIGIBLE
 
 LEVEL_TIME = 60.0  # [s] at most, of one level of a page
 SEARCH_TOLERANCE = 1e-4  # of solves that only start another page

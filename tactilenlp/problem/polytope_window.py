@@ -7,7 +7,6 @@ constant during a solve and built again for the next one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import nnls
@@ -19,11 +18,9 @@ from formulations.pushed_hull import LIFTED
 from ..geometry.convex_hull import fingers_in_body, nearest_points, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
+from .job import Job
 from .reductions import window_of_samples
 from .window import Corners, Rests, Window
-
-if TYPE_CHECKING:
-    from ..local.job import Job
 
 VERTICES_READ = 8  # vertices that a contact depends on
 EQUAL_WEIGHT, SUM_WEIGHT = 1e-3, 1e3  # weights of equal shares, and of a sum of one

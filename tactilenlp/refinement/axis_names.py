@@ -16,10 +16,10 @@ from formulations.names import CENTRE_OF_MASS, GROUND
 
 from ..geometry.transforms import is_planar, matrices, rotvecs
 from ..information.mixture import relabellings
-from ..local.hypothesis import Hypothesis
 from ..local.local_solve import built_page, in_motion_of, warm_started
 from ..local.margins import UNCHANGED
 from ..local.solved import Solved
+from ..problem.hypothesis import Hypothesis
 from ..problem.pages import FORMULATIONS, name_of
 from ..solvers.solution import evaluated
 from ..tracking.surface import rotation_at

@@ -12,6 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..certificates.certify import certify
+from ..certificates.outliers import unexplained_by_action
 from ..local.local_solve import (
     built_page,
     freed_to_tilt,
@@ -21,8 +23,6 @@ from ..local.local_solve import (
 )
 from ..local.margins import DECISIVE, RESTORED
 from ..local.solved import Solved
-from ..problem.certificates import certify
-from ..problem.outliers import unexplained_by_action
 from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions

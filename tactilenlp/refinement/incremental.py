@@ -12,15 +12,16 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from ..certificates.unreduced import LEFT_OUT
 from ..interface.result import Estimate, solution_of
-from ..local.hypothesis import Hypothesis, same_body
-from ..local.job import Job
+from ..local.comparison import same_body
 from ..local.local_solve import built_page, solved_from, transfer_solution
 from ..local.margins import DECISIVE, UNCHANGED, UPDATE_SHARE
 from ..local.solved import BuiltPage, Solved, Solves, best_first
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..problem.pages import name_of
 from ..problem.reductions import Reductions
-from ..problem.unreduced import LEFT_OUT
 from ..solvers.solution import Solution
 
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known

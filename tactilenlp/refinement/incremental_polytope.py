@@ -17,13 +17,12 @@ from formulations import polytope_extension as extension
 from formulations.names import BALL, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
+from ..certificates.outliers import MIN_OF_TOUCH, unexplained
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import planar_matrix
 from ..information.goodness_of_fit import LOST
 from ..information.measurement_noise import touches
 from ..information.trajectory import moved_farther
-from ..local.hypothesis import Hypothesis
-from ..local.job import Job
 from ..local.local_solve import continuation, warm_started
 from ..local.solved import (
     ACCEPTABLE,
@@ -32,10 +31,11 @@ from ..local.solved import (
     best_first,
     search_settings,
 )
-from ..problem.outliers import MIN_OF_TOUCH, unexplained
+from ..local.transfer import matching_contacts
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..problem.polytope_window import PolytopeWindow, build_window
 from ..problem.reductions import Reductions
-from ..problem.unreduced import matching_contacts
 from ..problem.window import Corners
 from ..search.plane_slam import poses_of_new_action
 from ..search.polytope_init import (

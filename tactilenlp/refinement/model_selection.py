@@ -28,11 +28,11 @@ from ..information.mixture import (
     relabellings,
 )
 from ..information.tangent_space import widest_deviations
-from ..interface.options import Guess
 from ..interface.result import Estimate
-from ..local.job import prior_cost_of
+from ..interface.session import Guess
 from ..local.margins import DECISIVE, LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
+from ..problem.job import prior_cost_of
 from ..problem.pages import shape_of
 
 AUTO = (  # the classes of shape="auto"

@@ -31,7 +31,7 @@ from ..local.local_solve import built_page, transfer_solution, warm_started
 from ..local.margins import DECISIVE, UNCHANGED
 from ..local.solved import Solved, best_first
 from ..nlp.kkt import gradient, kkt_system_of
-from ..problem.certificates import Skipped
+from ..problem.skipped import Skipped
 from ..tracking.initial_states import body_height
 
 log = logging.getLogger("tactilenlp")

@@ -40,10 +40,10 @@ from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
 from ..information.tangent_space import final_unknowns
-from ..local.hypothesis import Hypothesis, resized
 from ..local.levels import RANKING_TOLERANCE
 from ..local.margins import PROFILE_RISE
 from ..local.solved import Solved, settings_of
+from ..problem.hypothesis import Hypothesis, resized
 from ..solvers.solve import solve_levels
 from ..tracking.surface import rotation_at
 from .profile_deviation import Point, Profile

@@ -11,12 +11,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from ..certificates.certify import planar_certificate
 from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW
 from ..interface.result import Estimate
-from ..local.hypothesis import distinct
+from ..local.comparison import distinct
 from ..local.levels import levels_of
 from ..local.local_solve import freed_to_tilt, solved_from, warm_started
 from ..local.margins import (
@@ -27,7 +28,6 @@ from ..local.margins import (
     UNCHANGED,
 )
 from ..local.solved import Solved, best_first
-from ..problem.certificates import planar_certificate
 from ..problem.reductions import Reductions, required_reductions
 from ..search.multistart import multistart
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR

@@ -25,13 +25,13 @@ from scipy.spatial.transform import Rotation
 from formulations.quasi_static import NORMAL
 from formulations.rigid_body import rotation
 
+from ..certificates.outliers import with_ideal_fingertips
 from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import rotvecs
-from ..local.hypothesis import Hypothesis
 from ..local.levels import held_briefly
 from ..local.local_solve import freed_to_tilt, solved_from
 from ..local.solved import Solved, best_first
-from ..problem.outliers import with_ideal_fingertips
+from ..problem.hypothesis import Hypothesis
 from ..problem.poses import body_corners
 from .nested_models import gain_of, misfit_of, needed_gain, without_needless
 

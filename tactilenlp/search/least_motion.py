@@ -19,11 +19,12 @@ import numpy as np
 from formulations import quasi_static
 
 from ..common.threads import on_one_thread
-from ..local.hypothesis import Hypothesis, same_body
-from ..local.job import Job
+from ..local.comparison import same_body
 from ..local.local_solve import built_page
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import LEVEL_TIME
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..solvers.options import SolverOptions
 from ..tracking.geometry import geometry_of
 

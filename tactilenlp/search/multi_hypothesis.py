@@ -20,10 +20,11 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import move_poses
-from ..local.hypothesis import Hypothesis, distinct, diverse_starts, same_body
-from ..local.job import Job
+from ..local.comparison import distinct, diverse_starts, same_body
 from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
+from ..problem.hypothesis import Hypothesis
+from ..problem.job import Job
 from ..tracking.carried import carried_away, with_carried
 from ..tracking.initial_states import (
     body_height,

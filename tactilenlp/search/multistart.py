@@ -15,7 +15,7 @@ import numpy as np
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..local.hypothesis import same_body
+from ..local.comparison import same_body
 from ..local.local_solve import (
     built_page,
     in_motion_of,

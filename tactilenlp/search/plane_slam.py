@@ -19,8 +19,8 @@ from formulations import polytope_planes
 from ..data.contact_segments import NOISE_SIGMAS, contact_segments
 from ..geometry.convex_hull import centre_of_shape
 from ..geometry.transforms import directions_in_body, moved_origin, rotate_planar
-from ..local.margins import ranked
 from ..local.solved import search_settings
+from ..problem.hypothesis import ranked
 from ..problem.planes_window import felt_points, of_new_action, planes_window
 from ..solvers.solve import solve_levels
 from .predicted_motion import CENTRE, predicted_paths, with_motion, with_pushes

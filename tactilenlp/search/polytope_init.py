@@ -30,9 +30,9 @@ from ..geometry.convex_hull import (
     vertices_behind,
 )
 from ..geometry.simplification import with_counts
-from ..local.hypothesis import Hypothesis, distinct
-from ..local.job import Job
-from ..local.margins import ranked
+from ..local.comparison import distinct
+from ..problem.hypothesis import Hypothesis, ranked
+from ..problem.job import Job
 from ..problem.reductions import Reductions
 from .plane_slam import (
     Faces,

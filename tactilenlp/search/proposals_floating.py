@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..data.scene import Ground
 from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import matrices, rotvecs, rotvecs_back
-from ..local.job import FunctionsByPage
+from ..problem.job import FunctionsByPage
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
 PLANE_TILT = 0.2  # [rad] of a body out of the plane, and of a normal with it

@@ -18,7 +18,7 @@ from ..geometry.transforms import (
     points_in_body,
     rotvecs_back,
 )
-from ..local.hypothesis import Hypothesis
+from ..problem.hypothesis import Hypothesis
 from ..problem.poses import rotations_on_ground, upright_poses
 from ..tracking.geometry import upright_surface
 from ..tracking.tracks import GAP_SIGMA, NORMAL_SIGMA

@@ -17,12 +17,13 @@ import numpy as np
 
 from formulations import quasi_static
 
+from ..certificates.outliers import side_tilt
 from ..data.contact_segments import intervals
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import matrices, move_poses, rotate_planar, rotvecs
-from ..local.hypothesis import Hypothesis, distinct
+from ..local.comparison import distinct
 from ..local.solved import BuiltPage
-from ..problem.outliers import side_tilt
+from ..problem.hypothesis import Hypothesis
 from ..problem.reductions import SIDE_NORMAL, Reductions, window_of_samples
 from ..tracking.initial_states import BELOW_TOP
 from .multi_hypothesis import TrackingSearch, smoothed_tracks

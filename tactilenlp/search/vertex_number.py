@@ -23,10 +23,10 @@ from ..geometry.simplification import (
     with_fewer_faces,
     without_touch,
 )
-from ..local.hypothesis import Hypothesis
 from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, search_settings
+from ..problem.hypothesis import Hypothesis
 from .predicted_motion import with_pushes
 
 FIRST_COUNT = 30  # vertices of the first fit of a hull, of which some are removed

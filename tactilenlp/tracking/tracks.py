@@ -7,7 +7,6 @@ best distinct tracks and some of every yaw are kept, and split along their uncer
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,13 +15,11 @@ from ..data.contact_segments import lasting_contacts
 from ..data.measurements import Measurements
 from ..data.scene import typical_friction
 from ..errors import MotionError
+from ..problem.job import Job
 from ..problem.missing_samples import unseen_contact
 from ..problem.reductions import coasts
 from .filter_steps import begin_compilation
 from .geometry import Geometry, geometry_of
-
-if TYPE_CHECKING:
-    from ..local.job import Job
 
 # Tracks kept after an action, and what they are split into: 100 and 500 miss the best
 # optimum known by over 0.5 nats in 6 of 89 noisy recordings, these in 4.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,16 +19,14 @@ from ..data.scene import Scene
 from ..data.sensor_noise import Precision, latency_cost, with_sensors_earlier
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
-from ..problem.reductions import (
+from .hypothesis import Hypothesis
+from .options import Options
+from .reductions import (
     Reductions,
     required_reductions,
     window_of_samples,
 )
-from ..problem.window import Window
-from .hypothesis import Hypothesis
-
-if TYPE_CHECKING:
-    from ..interface.options import Options
+from .window import Window
 
 
 class FunctionsByPage(dict):

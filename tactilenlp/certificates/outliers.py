@@ -13,7 +13,6 @@ planar      MIN_OF_PLANAR samples and the share PLANAR_LIMIT of one action, or t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,13 +27,11 @@ from formulations.violation_implicit import TOUCH
 
 from ..errors import MotionError
 from ..geometry.transforms import rotate_back
-from .pages import page_of
-from .reductions import SIDE_NORMAL
-
-if TYPE_CHECKING:
-    from ..local.job import Job
-    from ..local.solved import Solved
-    from .window import Window
+from ..local.solved import Solved
+from ..problem.job import Job
+from ..problem.pages import page_of
+from ..problem.reductions import SIDE_NORMAL
+from ..problem.window import Window
 
 NORMAL_ERROR = 0.015  # [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more

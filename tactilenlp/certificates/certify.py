@@ -9,9 +9,6 @@ compares with the larger ones: the declined of these are the checks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from formulations.names import (
@@ -22,58 +19,15 @@ from formulations.names import (
     GROUND_FRICTION,
 )
 
+from ..local.solved import Solved
+from ..problem.job import Job
+from ..problem.skipped import Certificates, Skipped
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
-from .reductions import REDUCTION_NAMES
 from .static_friction import rest_force, slip_gain
 from .unreduced import unreduced
 
-if TYPE_CHECKING:
-    from ..local.job import Job
-    from ..local.solved import Solved
-
 NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] what is left out would lower the objective by less
-
-
-@dataclass(frozen=True)
-class Skipped:
-    """One reduction: what was dropped, why, and the check after the solve.
-
-    value is compared with limit (same unit, stated in `check`); `holds`: the verdict.
-    """
-
-    name: str
-    dropped: str
-    reason: str
-    check: str
-    value: float
-    limit: float
-    holds: bool
-
-    def __str__(self) -> str:
-        named = self.name in REDUCTION_NAMES
-        remedy = f' (Options(without="{self.name}") does not make it)' if named else ""
-        verdict = "holds" if self.holds else f"DOES NOT HOLD{remedy}"
-        return (
-            f"{self.name}: {self.dropped} ({self.reason}); {self.check} "
-            f"{self.value:.2g}, limit {self.limit:.2g}: {verdict}"
-        )
-
-
-@dataclass(frozen=True)
-class Certificates:
-    """Every reduction that was made, with its check.
-
-    cuts: samples that need a pose of their own, where a still span does not hold.
-    """
-
-    skipped: tuple[Skipped, ...]
-    cuts: tuple[int, ...] = ()
-
-    @property
-    def broken(self) -> tuple[str, ...]:
-        """The names of the reductions that do not hold."""
-        return tuple(s.name for s in self.skipped if not s.holds)
 
 
 def certify(job: Job, solved: Solved, rested: Skipped | None = None) -> Certificates:

@@ -14,7 +14,7 @@ between actions were held where 5 nats spoke against it, their paths 9 sigma off
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,9 +25,7 @@ from formulations.violation_implicit import WORK_COST
 from ..common.brief import MM_PER_M
 from ..data.scene import low_friction
 from ..geometry.transforms import is_planar, left_jacobians
-
-if TYPE_CHECKING:
-    from ..local.solved import Solved
+from ..local.solved import Solved
 
 NEARLY_SLIPS = 0.5  # [-] of friction: such a span may slip when another one is cut
 LONGEST_SLIP = 1e-3  # [m] as far as a body at rest is let slip where nothing holds it

@@ -4,26 +4,13 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import InitVar, dataclass, field
-from weakref import WeakKeyDictionary
 
-import numpy as np
-
-from ..common.brief import printed
-from ..common.validation import (
-    check_range,
-    check_types,
-    check_whole,
-    checked_place,
-    numbers_of,
-)
-from ..data.measurements import FARTHEST
-from ..errors import OptionError, StartError, shortened, typed_call
-from ..local.job import FunctionsByPage
-from ..problem.reductions import REDUCTION_NAMES, Reductions
+from ..common.validation import check_types, check_whole
+from ..errors import OptionError, shortened, typed_call
 from ..solvers.options import check_positive
+from .reductions import REDUCTION_NAMES, Reductions
 
 MOST_STARTS = 1_000_000  # [-] hypotheses or starts
-MAX_YAW = 2 * np.pi  # [rad] of a guess
 # (hypotheses, starts) for noisy, for precise sensors.  Of 22 noisy recordings four
 # starts end higher than six in one, by 0.2 nats; three miss that of a poor guess.
 NOISY_WIDTHS, PRECISE_WIDTHS = (4, 5), (2, 4)
@@ -117,60 +104,3 @@ class Options:
         noisy = DOUBTFUL_WIDTHS if doubtful else NOISY_WIDTHS
         kept, solved = PRECISE_WIDTHS if precise else noisy
         return self.hypotheses or kept, self.starts or solved
-
-
-@printed
-@typed_call()
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """What a user thinks the object is: size and pose at the first sample.
-
-    side_lengths: (3,) [m], or as many sizes as the shape has
-    position:     (2,) on the ground or (3,) [m], world frame
-    yaw:          [rad], about the ground's normal, ground frame
-
-    Raises StartError.
-    """
-
-    side_lengths: np.ndarray
-    position: np.ndarray
-    yaw: float = 0.0
-
-    def __post_init__(self) -> None:
-        of_sizes = "start.side_lengths", self.side_lengths, StartError, "n"
-        sides = numbers_of(*of_sizes, unit="[m]", positive=True)
-        place = checked_place("start.position", self.position, StartError, FARTHEST)
-        check_range("start.yaw", self.yaw, -MAX_YAW, MAX_YAW, "[rad]", StartError)
-        object.__setattr__(self, "side_lengths", sides)
-        object.__setattr__(self, "position", place)
-        object.__setattr__(self, "yaw", float(self.yaw))
-
-
-class Session:
-    """Keep the term functions that estimates were solved with; mutable.
-
-    A solve that starts from an estimate of the same session, scene, shape and page
-    reuses them instead of deriving them again.  The caller owns a session and passes it
-    to `solve_estimate`; without one, solves share PROCESS.  A session holds estimates
-    by weak references: what belongs to an estimate is dropped together with it.
-    """
-
-    def __init__(self):
-        self._by_origin = WeakKeyDictionary()
-
-    def functions_for(self, start, scene, shape, page) -> FunctionsByPage:
-        """Return the term functions of the estimate `start`; new ones of any other."""
-        if getattr(start, "origin", None) not in self._by_origin:
-            return FunctionsByPage()
-        solved_as, functions = self._by_origin[start.origin]
-        # A page that was edited and reloaded has another `build`.
-        same = solved_as == (scene.as_told, shape, page.build)
-        return functions if same else FunctionsByPage()
-
-    def keep(self, estimate, job) -> None:
-        """Keep the term functions of a job for solves that start from its estimate."""
-        solved_as = job.scene.as_told, job.shape, job.page.build
-        self._by_origin[estimate.origin] = solved_as, job.functions
-
-
-PROCESS = Session()  # the default session: one in every process
