@@ -127,8 +127,9 @@ def restore_reductions(solved) -> Solved:
         again = warm_started(job, solved)
         if not again.solution.success:
             again = replace(solved_from(job, solved.at), declined=solved.declined)
-        if again.solution.objective > solved.solution.objective + RESTORED:
-            break  # a worse optimum: the certificates state what does not hold
+        worse = again.solution.objective > solved.solution.objective + RESTORED
+        if worse or again.solution.success < solved.solution.success:
+            break  # the certificates state what does not hold
         solved, certificates = again, certify(job, again)
     return replace(solved, certificates=certificates)
 
