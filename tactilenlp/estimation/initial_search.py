@@ -1,7 +1,7 @@
 """Initial search: hypotheses from which the page starts, by the class of the shape.
 
-Boxes and other shapes with sizes are tracked (search/multi_hypothesis.py) in the frame
-of the first touch, polytopes by supporting planes (search/polytope_init.py).
+In the frame of the first touch, boxes and other shapes with sizes are tracked
+(search/multi_hypothesis.py), polytopes by supporting planes (search/polytope_init.py).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def initial_hypotheses(
     if not reduced.shape.of_vertices:
         hypotheses = search_in_contact_frame(request, reduced, incumbents).starts()
     elif plane is None:
-        hypotheses = search_polytope(reduced, incumbents.kept, incumbents.keep)
+        hypotheses = _search_polytope_in_contact_frame(reduced, incumbents)
     else:
         hypotheses = _search_floating_polytope(reduced, plane, incumbents)
     if plane is None:
@@ -151,3 +151,13 @@ def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingS
         job, in_frame, request.widths[1], request.executor, keep=incumbents.keep,
         out_of=frame.out_of,
     )  # fmt: skip
+
+
+def _search_polytope_in_contact_frame(job: Job, incumbents) -> list[Hypothesis]:
+    """Return hypotheses of a polytope, searched in the frame of the first touch."""
+    frame = ContactFrame.of(job)
+    found = search_polytope(
+        frame.job(job), [frame.into(h) for h in incumbents.kept],
+        lambda found: incumbents.keep([frame.out_of(h) for h in found]),
+    )  # fmt: skip
+    return [frame.out_of(h) for h in found]

@@ -132,8 +132,7 @@ def continuation(job: Job, solved: Solved) -> Solved | None:
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:
     the kinks between sliding and sticking, which can hold poses in a local optimum, are
     smooth there.  A page that is extended action by action (`EXTENDS`) goes through all
-    its levels, where fingertips are rigid first with soft ones, which let go of touches
-    that hold a body in a local optimum.  None as well without time for it.
+    its levels, where fingertips are rigid after soft ones.  None as well without time.
     """
     if job.deadline.passed("continuation"):
         return None
@@ -142,10 +141,20 @@ def continuation(job: Job, solved: Solved) -> Solved | None:
     if not job.contract.extends:
         return None
     if job.fixes("rigid"):
-        soft = job.with_reductions(rigid=False)
-        held = levels_of(soft)[:-1]  # the last one frees the compliance
-        solved = solved_from(soft, solved.at, levels=held)
+        return after_soft_fingertips(job, solved.at)
     return _rebuilt_for(job, solved, [[k] for k in job.page.LEVELS])
+
+
+def after_soft_fingertips(job: Job, hypothesis: Hypothesis, levels=None) -> Solved:
+    """Solve the page of rigid fingertips from where soft ones lead from a hypothesis.
+
+    Soft fingertips let go of touches that hold a body in a local optimum.  levels: of
+    rigid ones, by default those of the page.
+    """
+    soft = job.with_reductions(rigid=False)
+    held = levels_of(soft)[:-1]  # the last one frees the compliance
+    solved = solved_from(soft, hypothesis, levels=held)
+    return _rebuilt_for(job, solved, [[k] for k in levels or job.page.LEVELS])
 
 
 def level_groups(levels, begins: Callable) -> list:

@@ -17,13 +17,14 @@ from ..common.interrupt import interruptible
 from ..common.progress import progress
 from ..local.comparison import same_body
 from ..local.local_solve import (
+    after_soft_fingertips,
     built_page,
     in_motion_of,
     level_groups,
     solved_from,
 )
 from ..local.margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
-from ..local.solved import Solved, Solves, best_first
+from ..local.solved import BuiltPage, Solved, Solves, best_first
 
 log = logging.getLogger("tactilenlp")
 RANKED_ITERATIONS = 400  # of a level from every start; the best one is finished
@@ -58,21 +59,33 @@ def ranking(level):
     return level.with_ipopt(max_iter=RANKED_ITERATIONS)
 
 
-def _in_turn(job, hypotheses, earlier, solves) -> Iterator:
-    """Yield hypotheses with a page built for each, while time is left for another."""
-    built = None
+def _in_time(job, hypotheses, earlier, solves) -> Iterator:
+    """Yield hypotheses in turn, while time is left for another."""
     for h in progress(hypotheses, "solve"):
         if (earlier or solves.ended) and job.deadline.passed("all hypotheses"):
             break
-        if built is None or job.shape.of_vertices:
-            built = built_page(job, in_motion_of(job, h))
-        yield h, built
+        yield h
 
 
 def _solve_separately(job, hypotheses, levels, earlier, solves) -> None:
-    """Solve all levels from each hypothesis."""
-    for h, built in _in_turn(job, hypotheses, earlier, solves):
-        solves.add(solved_from(job, h, built, levels))
+    """Solve all levels from each hypothesis; of a polytope after soft fingertips."""
+    page, soft_first = None, job.contract.extends and job.fixes("rigid")
+    for h in _in_time(job, hypotheses, earlier, solves):
+        if soft_first:
+            solves.add(after_soft_fingertips(job, h, levels))
+            continue
+        page = _page_from(job, h, page)
+        solves.add(solved_from(job, h, page, levels))
+
+
+def _page_from(job, h, before) -> BuiltPage:
+    """Return the page built for a hypothesis: of shapes with sizes that of any other.
+
+    before: one that was built, or None.
+    """
+    if before is not None and not job.shape.of_vertices:
+        return before
+    return built_page(job, in_motion_of(job, h))
 
 
 def _solve_until_alike(job, hypotheses, levels, earlier, provisional) -> None:
@@ -82,8 +95,10 @@ def _solve_until_alike(job, hypotheses, levels, earlier, provisional) -> None:
     """
     # Each stage ends with a level that holds no poses.
     stages, starts = level_groups(levels, lambda before, _: "x" not in before.fixed), []
-    for h, built in _in_turn(job, hypotheses, earlier, provisional):
-        solved, ends, alike = _solve_stages(job, h, built, stages, starts)
+    page = None
+    for h in _in_time(job, hypotheses, earlier, provisional):
+        page = _page_from(job, h, page)
+        solved, ends, alike = _solve_stages(job, h, page, stages, starts)
         starts.append((solved, ends))
         if alike is None:
             provisional.add(solved)

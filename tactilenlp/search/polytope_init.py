@@ -45,7 +45,9 @@ from .vertex_number import counts_of, likeliest
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
-BODIES_SOLVED = 5  # by the page, of those at most LEAST_MOTION_BEHIND the best
+# Bodies that the page solves, of those at most LEAST_MOTION_BEHIND the best.  Rigid
+# fingertips begin as soft ones: three bodies so lead farther than five did otherwise.
+RIGID_BODIES, SOFT_BODIES = 3, 5
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
 
@@ -129,7 +131,7 @@ def separating_halfspaces(window, faces: Faces, points) -> np.ndarray:
 def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
     """Return hypotheses that explain all actions of a job, with least motion.
 
-    At most BODIES_SOLVED, those of most evidence first: the page decides between them.
+    At most RIGID_BODIES, or SOFT_BODIES, of most evidence first: the page decides.
     kept: a hypothesis of the first actions, if any, with any number of vertices;
     keep(hypotheses): is called with that of the actions done by Ctrl-C.
     At a deadline the body stays where it is after the actions done.
@@ -191,7 +193,8 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
         bodies = [unfitted(job, several[0])]
     else:
         hulls = [hull for faces in several for hull in hulls_from(job, faces)]
-        bodies = of_distinct_bodies(part, likeliest(part, hulls))[:BODIES_SOLVED]
+        count = RIGID_BODIES if job.reductions.rigid else SOFT_BODIES
+        bodies = of_distinct_bodies(part, likeliest(part, hulls))[:count]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
