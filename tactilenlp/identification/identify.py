@@ -6,6 +6,7 @@ import logging
 import time
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,11 +22,11 @@ from ..nlp.kkt import kkt_system_of
 from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache
 from ..solvers.options import SolverOptions
-from ..solvers.solution import evaluated, not_converged, unfinished
+from ..solvers.solution import Solution, evaluated, not_converged, unfinished
 from ..solvers.solve import solve_levels
 from .body import UNOBSERVED_VERTEX, Body, BodyFit, corner_shift, fit_of
-from .impacts import impacts, may_touch, with_soft_ground
-from .starts import nothing_lands, starts_of
+from .impacts import Impacts, impacts, may_touch, with_soft_ground
+from .starts import Starts, nothing_lands, starts_of
 
 log = logging.getLogger("tactilenlp")
 DEFAULT_SOLVER = SolverOptions(tolerance=1e-5, time_limit=600.0)
@@ -71,39 +72,59 @@ def identify_body(
     began, deadline = time.process_time(), Deadline.within(time_limit)
     solves = deadline.until(deadline.before_end(SIGMA_SHARE * time_limit))
     with deadline.spending(STARTS):
-        steps, starts, signs, ruler = starts_of(
-            trajectories, scene, shape, guess, gauge
-        )
+        starts = starts_of(trajectories, scene, shape, guess, gauge)
     options = replace(options, deadline=solves.until(options.deadline.at))
-    problem, window, solution, chosen = _best(
-        steps, starts, signs, trajectories.dt, scene, options
-    )
-    if throw and not solution.success:
-        raise not_converged(problem, solution)
-    body = _read_off(
-        trajectories, scene, shape, steps, signs, ruler, problem, window, solution,
-        chosen, deadline,
-    )  # fmt: skip
+    best = _best(starts, trajectories.dt, scene, options)
+    if throw and not best.solution.success:
+        raise not_converged(best.problem, best.solution)
+    body = _read_off(trajectories, scene, shape, starts, best, deadline)
     seconds = body.seconds | {"total": time.process_time() - began}
     return replace(body, seconds=seconds, status=deadline.marked(body.status))
 
 
-def _best(steps, starts, signs, dt, scene, options):
-    """Return the most likely of several solutions, as `_solve` does.
+class Fitted(NamedTuple):
+    """A body fitted to its motion: problem, window, solution.
+
+    chosen (n, V): the vertices that may touch, in every step.
+    """
+
+    problem: Problem
+    window: Impacts
+    solution: Solution
+    chosen: np.ndarray
+
+    @property
+    def fit(self) -> BodyFit:
+        """How well the solution explains the motion."""
+        return fit_of(self.solution.costs, len(self.window.step))
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The key to sort by.
+
+        The objective [nats] with the normalisation of depth, a corner a step.
+        """
+        normalised = np.log(self.window.step.depth / page.SURFACE).sum()
+        objective = self.solution.objective + float(normalised)
+        return not self.solution.success, objective
+
+
+def _best(starts: Starts, dt, scene, options) -> Fitted:
+    """Return the most likely of several fits.
 
     A hard ground and the first start come first, then a ground that yields in impacts,
     then all other starts on both: each only where no fit before it is good.
     """
-    soft = with_soft_ground(steps, starts[-1] * signs, scene.gravity, dt)
+    steps, thetas, signs, _ = starts
+    soft = with_soft_ground(steps, thetas[-1] * signs, scene.gravity, dt)
     tried = []
-    for theta, ground in product(starts, (steps, soft)):
+    for theta, ground in product(thetas, (steps, soft)):
         if tried and options.deadline.passed("other starts", _assembly_time(options)):
             break
         tried.append(_solve(ground, theta, signs, dt, scene, options))
-        _, window, solution, _ = tried[-1]
-        if solution.success and _fit(window, solution).verdict == "good":
+        if tried[-1].solution.success and tried[-1].fit.verdict == "good":
             break
-    return min(tried, key=lambda t: (not t[2].success, _evidence(t[1], t[2])))
+    return min(tried, key=lambda fitted: fitted.rank)
 
 
 def _assembly_time(options) -> float:
@@ -111,18 +132,8 @@ def _assembly_time(options) -> float:
     return ASSEMBLY_TIME * options.deadline.spent[STARTS]
 
 
-def _evidence(window, solution) -> float:
-    """Return the objective [nats] with the normalisation of depth, a corner a step."""
-    return solution.objective + float(np.log(window.step.depth / page.SURFACE).sum())
-
-
-def _fit(window, solution) -> BodyFit:
-    """Return how well a solution explains the motion."""
-    return fit_of(solution.costs, len(window.step))
-
-
-def _solve(steps, theta, signs, dt, scene, options):
-    """Return problem, window, solution and the vertices (n, V) that may touch.
+def _solve(steps, theta, signs, dt, scene, options) -> Fitted:
+    """Return the body as it is fitted from a start.
 
     theta (3, columns) [m]: the start.  Raises MotionError where nothing touches.
 
@@ -141,13 +152,13 @@ def _solve(steps, theta, signs, dt, scene, options):
         back = _too_deep(steps, solution.values, signs) & ~chosen
         if not back.any():
             break
-        done = problem, window, unfinished(solution), chosen
+        done = Fitted(problem, window, unfinished(solution), chosen)
         restored = "a solve with all vertices that touch"
         if options.deadline.passed(restored, _assembly_time(options)):
             return done
         log.info("solving again: %d vertices that were left out touch", back.sum())
         chosen = chosen | back
-    return problem, window, solution, chosen
+    return Fitted(problem, window, solution, chosen)
 
 
 def _solve_in_time(window, scene, options):
@@ -207,14 +218,14 @@ def _covariance(problem, solution, deadline) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_off(
-    trajectories, scene, shape, steps, signs, ruler, problem, window, solution, chosen,
-    deadline,
-) -> Body:  # fmt: skip
-    """Return the body of a solved problem, with the deviations of its numbers.
+    trajectories, scene, shape, starts: Starts, fitted: Fitted, deadline
+) -> Body:
+    """Return the body that was fitted, with the deviations of its numbers.
 
-    steps, signs, ruler: as of `starts_of`; problem, window, solution, chosen: as of
-    `_best`; deadline: of the covariance.
+    deadline: of the covariance.
     """
+    steps, _, signs, ruler = starts
+    problem, window, solution, chosen = fitted
     left = len(chosen) - len(window.step), int(steps.resting.sum())
     words = f"{left[0]} of {len(chosen)} steps: in free flight, or at rest ({left[1]})"
     values = {k: v.squeeze() for k, v in solution.values.items()}
@@ -233,7 +244,7 @@ def _read_off(
         "inertia": sigma["inertia"] * uniform,
     }  # fmt: skip
     del sigma["theta"]
-    fit = _fit(window, solution)
+    fit = fitted.fit
     sigma = {name: fit.widening * value for name, value in sigma.items()}
     lost = np.flatnonzero((with_radius > UNOBSERVED_VERTEX * page.SIZE).any(axis=1))
     return Body(

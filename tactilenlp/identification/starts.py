@@ -13,6 +13,7 @@ yields in impacts does not bias it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,11 +39,21 @@ REST_DEPTH = 0.2e-3  # [m] that a ground yields below a body at rest
 LEAST_HALF = 1e-3  # [m]
 
 
-def starts_of(trajectories, scene, shape, guess, gauge) -> tuple:
-    """Return steps in the ground's frame, starts, signs, and the gauge with sigma.
+class Starts(NamedTuple):
+    """What fits start from.
 
-    starts: theta (3, columns) [m] of each; signs (3, V).
+    steps: of the motion, in the ground's frame; thetas: (3, columns) [m] each; signs
+    (3, V): of the vertices; gauge: with its sigma.
     """
+
+    steps: TossSteps
+    thetas: list
+    signs: np.ndarray
+    gauge: tuple[float, float]
+
+
+def starts_of(trajectories, scene, shape, guess, gauge) -> Starts:
+    """Return what fits of a recorded motion start from; arguments of identify_body."""
     where = scene.ground.to_ground(trajectories.position)
     where = where - [*where[:, :2].mean(axis=0), 0]  # slopes turn about the middle
     fall = trajectories.dt, scene.gravity
@@ -70,7 +81,7 @@ def starts_of(trajectories, scene, shape, guess, gauge) -> tuple:
     steps = read(trajectories.quaternion, ruler[0])
     if guess is None:
         starts = [ruler[0] * theta for theta in starts]
-    return steps, starts, signs, ruler
+    return Starts(steps, starts, signs, ruler)
 
 
 def nothing_lands(steps: TossSteps) -> MotionError:
