@@ -23,7 +23,6 @@ from tactilenlp.geometry.transforms import (
 )
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
-from tactilenlp.problem.polytope_window import build_window
 from tactilenlp.problem.reductions import REDUCTION_NAMES
 
 SHAPE = polytope(8)
@@ -43,7 +42,7 @@ def slid():
 def posed(data, scene, vertices, x, without=("planar",)):
     """Return the problem of the joint page at vertices and poses, and its window."""
     job = make_job(data, scene, SHAPE, Options(without=without), 0.0, page)
-    window = build_window(job, (vertices.ravel(), x))
+    window = job.window((vertices.ravel(), x))
     problem = Problem()
     page.build(problem, window, scene, window.shape)
     return problem, window

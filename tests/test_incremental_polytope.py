@@ -99,7 +99,7 @@ def test_the_window_of_an_action_is_that_of_its_samples(early):
     samples = past.at.x.shape[1]
     more = job.data.samples - samples
     x = np.hstack([past.at.x, np.repeat(past.at.x[:, -1:], more, axis=1)])
-    whole = incremental_polytope.build_window(job, (past.at.theta, x))
+    whole = job.window((past.at.theta, x))
     known = incremental_polytope.past_information(early)
     window = whole.of_action(past.at, known)
     for rows in (window.touch, window.free, window.step, window.push, window.gap):

@@ -19,7 +19,7 @@ from tactilenlp import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.nlp.problem import Problem
 from tactilenlp.problem.hypothesis import Hypothesis
-from tactilenlp.problem.polytope_window import build_window, hull_moments
+from tactilenlp.problem.polytope_window import hull_moments
 from tactilenlp.search.plane_slam import Faces, as_measured, planes_window
 
 SHAPE = polytope(8)
@@ -62,7 +62,7 @@ def posed(page, body, tangent=None):
     job = make_job(body.data, body.scene, SHAPE, Options(), 0.0, polytope_quasi_static)
     job = replace(job, precision=SENSORS)
     if page == "planes":
-        window = build_window(job)
+        window = job.window()
         plane, n, b = as_measured(window, window.touch, body.x)
         order = body.renamed(len(b))
         faces = Faces(np.argsort(order)[plane], n[order], b[order], body.x)
@@ -70,7 +70,7 @@ def posed(page, body, tangent=None):
     else:
         order = body.renamed(8)
         vertices = body.vertices[order]
-        window = build_window(job, (vertices.ravel(), body.x))
+        window = job.window((vertices.ravel(), body.x))
         values = {"theta": (vertices + body.off[order]).T}
     if page.startswith("extension"):
         first = np.count_nonzero(body.data.action == body.data.action[0])

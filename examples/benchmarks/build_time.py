@@ -24,7 +24,6 @@ from reductions import recorded, searched
 from study import executor_of, mapped, study_parser, table, write_csv
 
 from tactilenlp import Measurements, Problem, SolverOptions
-from tactilenlp.problem.polytope_window import build_window
 from tactilenlp.solvers.solve import Solvers
 
 PARTS = ("window", "page", "derivatives", "solver")
@@ -68,7 +67,7 @@ def cases_of(way, h, actions, times) -> dict:
 def built(way, h) -> tuple[Problem, list[float]]:
     """Return the problem of a hypothesis and the CPU seconds of each of PARTS."""
     job, problem, times = way.job(), Problem(), [process_time()]
-    window = build_window(job, (h.theta, h.x))
+    window = job.window((h.theta, h.x))
     times.append(process_time())
     way.page.build(problem, window, way.scene, window.shape)
     times.append(process_time())

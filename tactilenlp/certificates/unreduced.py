@@ -20,7 +20,6 @@ from ..local.transfer import matching_contacts, rows_of, samples_of, transferred
 from ..nlp.kkt import gradient
 from ..nlp.problem import Problem
 from ..problem.job import Job
-from ..problem.polytope_window import build_window
 
 LEFT_OUT = ("still", "far", "absent")
 
@@ -58,7 +57,7 @@ def unreduced(job: Job, solved: Solved) -> UnreducedProblem:
     h, window, solution = solved.hypothesis, solved.window, solved.solution
     more = job.with_reductions(**dict.fromkeys(LEFT_OUT, False))
     more = replace(more, cuts=())
-    again = build_window(more, (h.theta, h.x), solved.at.theta)
+    again = more.window((h.theta, h.x), solved.at.theta)
     problem = job.build(again)
     values, _, multipliers = transferred_values(solved, again, problem)
     free = rows_of(samples_of(window.free), samples_of(again.free))

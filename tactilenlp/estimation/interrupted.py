@@ -15,7 +15,6 @@ from ..interface.result import Estimate
 from ..local.local_solve import in_motion_of, solved_from
 from ..local.solved import BuiltPage, Solved, Solves
 from ..problem.pages import name_of, page_of
-from ..problem.polytope_window import build_window
 from ..refinement.axis_names import with_named_axes
 from ..solvers.solution import evaluated, not_converged
 
@@ -57,7 +56,7 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     if job.scene.ground is not None:
         job = replace(job, page=page_of("quasi_static", job.shape))
     best = in_motion_of(job, min(starts, key=lambda h: h.rank))
-    window = build_window(job, (best.theta, best.x))
+    window = job.window((best.theta, best.x))
     built = BuiltPage(job.build(window, solved=False), window, best)
     parameters = job.page.LEVELS[-1].parameters
     solution = evaluated(built.problem, built.values_at(best), parameters)

@@ -16,7 +16,6 @@ from ..geometry.simplification import more_vertices
 from ..geometry.tipping import planar_to_free
 from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
-from ..problem.polytope_window import build_window
 from ..problem.reductions import required_reductions
 from ..problem.window import Window
 from ..solvers.solution import Solution, after, unfinished
@@ -47,7 +46,7 @@ def page_window(job: Job, hypothesis=None) -> Window:
     """Return the window that a job's page reads, solved from a hypothesis."""
     made = required_reductions(job.page, job.reductions)
     guess = None if hypothesis is None else (hypothesis.theta, hypothesis.x)
-    return build_window(replace(job, reductions=made), guess)
+    return replace(job, reductions=made).window(guess)
 
 
 # Solves from a hypothesis

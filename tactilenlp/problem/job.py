@@ -21,6 +21,7 @@ from ..nlp.problem import Problem
 from ..nlp.term_functions import TermFunctionCache, default_cache
 from .hypothesis import Hypothesis
 from .options import Options
+from .polytope_window import polytope_window, with_supports, without_clear
 from .reductions import (
     Reductions,
     required_reductions,
@@ -152,6 +153,29 @@ class Job:
     def prior_cost(self) -> float:
         """The priors of what was estimated before a solve: tilt, lags [nats]."""
         return prior_cost_of(self.scene, self.precision)
+
+    def window(self, guess=None, resting=None) -> Window:
+        """Return the window that the page reads.
+
+        guess: theta and x, where a page starts.  Of a polytope whose vertices it gives,
+        resting is the theta as which it carries its weight where it rests, by default
+        that of the guess.
+        """
+        shape, of_vertices = self.shape, self.shape.of_vertices and guess is not None
+        if of_vertices:
+            vertices, x = np.reshape(guess[0], (-1, 3)), guess[1]
+            shape = with_supports(shape, vertices)
+        window = window_of_samples(
+            self.data, self.scene, shape, self.precision, self.reductions, guess,
+            self.cuts,
+        )  # fmt: skip
+        if not of_vertices:
+            return window
+        if self.reductions.far:
+            window = without_clear(window, vertices, x)
+        resting = vertices if resting is None else np.reshape(resting, (-1, 3))
+        ground = self.scene.ground is not None
+        return polytope_window(window, vertices, x, ground, resting)
 
     def window_until(self, samples: int) -> Window:
         """Return the window of the first samples' actions, no rest interval cut."""

@@ -18,8 +18,6 @@ from formulations.pushed_hull import LIFTED
 from ..geometry.convex_hull import fingers_in_body, nearest_points, nearest_triangles
 from ..geometry.convex_hull import triangles as triangles_of
 from ..geometry.transforms import is_planar, matrices
-from .job import Job
-from .reductions import window_of_samples
 from .window import Corners, Rests, Window
 
 VERTICES_READ = 8  # vertices that a contact depends on
@@ -244,28 +242,3 @@ def with_supports(shape, vertices):
     carry = supporting_vertices(vertices, len(shape.corners))
     corners = tuple((int(j), 0, 0) for j in carry)
     return replace(shape, theta=vertices.size, counts=(), corners=corners)
-
-
-def build_window(job: Job, guess=None, resting=None) -> Window:
-    """Return the window that a page reads.
-
-    guess: theta and x, where a page starts.  Of a polytope whose vertices it gives,
-    resting is the theta as which it carries its weight where it rests, by default that
-    of the guess.
-    """
-    shape = job.shape
-    near_start = shape.of_vertices and guess is not None
-    if near_start:
-        vertices = np.reshape(guess[0], (-1, 3))
-        shape = with_supports(shape, vertices)
-    window = window_of_samples(
-        job.data, job.scene, shape, job.precision, job.reductions, guess, job.cuts
-    )
-    if not near_start:
-        return window
-    x = guess[1]
-    if job.reductions.far:
-        window = without_clear(window, vertices, x)
-    resting = vertices if resting is None else np.reshape(resting, (-1, 3))
-    ground = job.scene.ground is not None
-    return polytope_window(window, vertices, x, ground, resting)

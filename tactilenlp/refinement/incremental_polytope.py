@@ -34,7 +34,7 @@ from ..local.solved import (
 from ..local.transfer import matching_contacts
 from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
-from ..problem.polytope_window import PolytopeWindow, build_window
+from ..problem.polytope_window import PolytopeWindow
 from ..problem.reductions import Reductions
 from ..problem.window import Corners
 from ..search.plane_slam import poses_of_new_action
@@ -165,7 +165,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
         (extension.build, extension.LEVELS),
         (extension.build_pushed, extension.PUSHED),
     ):
-        window = build_window(job, (h.theta, h.x)).of_action(past.at, about)
+        window = job.window((h.theta, h.x)).of_action(past.at, about)
         centre = centroid(h.theta.reshape(-1, 3))[:2]
         window = with_pushes(job, window, h.x, centre)
         problem = job.build(window, fill=build)
