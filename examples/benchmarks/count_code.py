@@ -12,11 +12,12 @@ import subprocess
 from pathlib import Path, PurePosixPath
 
 FOLDER = Path(__file__).resolve().parent
-PARTS = {  # packages now, modules of tactilenlp before there were packages
-    "search": "search local tracking  rivals search hypothesis guess trial solving "
-    "race planes polytopes carving profile extend floating tumble",
-    "estimation": "estimation refinement interface  hull_update unfinished observed "
-    "options readout refine request result estimate",
+PARTS = {  # packages and modules now, modules before there were packages
+    "search": "search local tracking problem/job problem/hypothesis  rivals search "
+    "hypothesis guess trial solving race planes polytopes carving profile extend "
+    "floating tumble",
+    "estimation": "estimation refinement interface problem/options  hull_update "
+    "unfinished observed options readout refine request result estimate",
 }
 
 
@@ -39,13 +40,19 @@ def named_numbers(text: str) -> int:
     return count
 
 
+def places(path: PurePosixPath) -> tuple[str, str]:
+    """Return the package that a module is in, or its own name; the module's path."""
+    first, *_ = within = path.with_suffix("").parts[1:]
+    return first, "/".join(within)
+
+
 def counted(commit: str) -> dict[str, tuple[int, int]]:
     """Return lines and named numbers of each part at a commit."""
     listed = git("ls-tree", "-r", "--full-tree", "--name-only", commit, "tactilenlp")
     paths = [PurePosixPath(name) for name in listed.split() if name.endswith(".py")]
     found = {}
     for part, names in PARTS.items():
-        chosen = [p for p in paths if PurePosixPath(p.parts[1]).stem in names.split()]
+        chosen = [p for p in paths if {*places(p)} & {*names.split()}]
         texts = [git("show", f"{commit}:{path}") for path in chosen]
         lines = sum(len(text.splitlines()) for text in texts)
         found[part] = lines, sum(map(named_numbers, texts))
