@@ -10,6 +10,7 @@ from trimesh.convex import convex_hull
 from trimesh.proximity import closest_point_naive
 
 from formulations import polytope_violation_implicit
+from formulations.names import COMPLIANCE
 from formulations.polytope import COUNTS, polytope
 from tactilenlp import (
     Estimate,
@@ -21,12 +22,12 @@ from tactilenlp import (
     vertex_information,
 )
 from tactilenlp.certificates import static_friction
-from tactilenlp.common.deadline import NEVER
+from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.geometry.convex_hull import nearest_points
 from tactilenlp.interface.readout import information_in_time, read_hull
 from tactilenlp.interface.request import make_job
-from tactilenlp.local.local_solve import solved_from
+from tactilenlp.local.local_solve import after_soft_fingertips, solved_from
 from tactilenlp.problem.options import Options
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.polytope_init import search_polytope
@@ -96,6 +97,19 @@ def test_the_solve_goes_on_from_a_page_that_is_filled_anew(slid):
     assert sum(solution.iterations_by_level) == solution.iterations
     assert np.unique(solution.progress["level"]).tolist() == [0, 1]
     assert not np.allclose(solved.hypothesis.theta, h.theta)  # it was moved on
+
+
+def test_where_time_ends_soft_fingertips_the_page_is_of_rigid_ones(slid):
+    data, scene, _ = slid
+    page = polytope_violation_implicit
+    job = make_job(data.select([0]), scene, polytope(20), Options(), 0.0, page)
+    job = replace(job, deadline=NEVER)
+    (h,) = search_polytope(replace(job, reductions=Reductions()), [])
+    late = after_soft_fingertips(replace(job, deadline=Deadline.within(0.0)), h)
+    assert late.job.reductions.rigid
+    assert COMPLIANCE not in late.problem.variables
+    assert not late.solution.success
+    assert np.isfinite(late.solution.objective)
 
 
 def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):

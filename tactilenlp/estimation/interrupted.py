@@ -12,11 +12,11 @@ from ..errors import Interrupted, MotionError
 from ..interface.readout import read_off
 from ..interface.request import Request
 from ..interface.result import Estimate
-from ..local.local_solve import in_motion_of, solved_from
-from ..local.solved import BuiltPage, Solved, Solves
+from ..local.local_solve import evaluated_at, in_motion_of, solved_from
+from ..local.solved import Solved, Solves
 from ..problem.pages import name_of, page_of
 from ..refinement.axis_names import with_named_axes
-from ..solvers.solution import evaluated, not_converged
+from ..solvers.solution import not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
 
@@ -56,12 +56,8 @@ def not_solved(request: Request, starts, spent: float) -> tuple[Estimate, Solved
     if job.scene.ground is not None:
         job = replace(job, page=page_of("quasi_static", job.shape))
     best = in_motion_of(job, min(starts, key=lambda h: h.rank))
-    window = job.window((best.theta, best.x))
-    built = BuiltPage(job.build(window, solved=False), window, best)
-    parameters = job.page.LEVELS[-1].parameters
-    solution = evaluated(built.problem, built.values_at(best), parameters)
-    solved = Solved(best, built, solution, job)
-    seconds = solution.seconds | {"search": spent, "total": spent}
+    solved = evaluated_at(job, best)
+    seconds = solved.solution.seconds | {"search": spent, "total": spent}
     request, over = replace(request, job=job), replace(now, strict=True)
     return read_off(request, solved, (), seconds, over), solved
 

@@ -18,7 +18,7 @@ from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
 from ..problem.reductions import required_reductions
 from ..problem.window import Window
-from ..solvers.solution import Solution, after, unfinished
+from ..solvers.solution import Solution, after, evaluated, unfinished
 from .levels import levels_of
 from .solved import BuiltPage, Solved
 from .transfer import transferred_values
@@ -75,6 +75,23 @@ def solved_from(
     )
     solved = built.solve(job, first, start, hypothesis, before)
     return _rebuilt_for(job, solved, later)
+
+
+def evaluated_at(job: Job, hypothesis: Hypothesis, before=None) -> Solved:
+    """Return the page at a hypothesis, not solved: no time is left for that.
+
+    before: a solve of an easier model that ended there, with its other unknowns; what
+    is evaluated then has derivatives, for a sigma.
+    """
+    late = replace(job, deadline=job.deadline.until(0.0))
+    window, values = page_window(late, hypothesis), {}
+    problem = late.build(window, solved=before is not None)
+    built = BuiltPage(problem, window, hypothesis)
+    if before is not None:
+        values, _, _ = transferred_values(before, window, built.problem)
+    values |= built.values_at(hypothesis)
+    solution = evaluated(built.problem, values, job.page.LEVELS[-1].parameters)
+    return Solved(hypothesis, built, solution, job)
 
 
 # Warm starts: values and multipliers of an earlier solution
@@ -175,6 +192,8 @@ def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
             solved = _rebuilt(job, solved, levels)
         else:
             return solved
+    if solved.job.reductions != job.reductions:  # of an easier model: not reported
+        return evaluated_at(job, with_vertices_on_hull(job.shape, solved.at), solved)
     return replace(solved, solution=unfinished(solved.solution))
 
 
