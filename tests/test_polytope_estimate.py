@@ -27,6 +27,7 @@ from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.geometry.convex_hull import nearest_points
 from tactilenlp.interface.readout import information_in_time, read_hull
 from tactilenlp.interface.request import make_job
+from tactilenlp.local import local_solve
 from tactilenlp.local.local_solve import after_soft_fingertips, solved_from
 from tactilenlp.problem.options import Options
 from tactilenlp.problem.reductions import Reductions
@@ -83,13 +84,19 @@ def test_the_surface_has_the_normals_that_were_felt_on_a_tilted_ground():
         assert (surface[on_face] @ face).min() > 0.999
 
 
-def test_the_solve_goes_on_from_a_page_that_is_filled_anew(slid):
+def searched_first_action(slid):
+    """Return the job of the first action, and the hypothesis that its search finds."""
     data, scene, _ = slid
     page = polytope_violation_implicit
-    assert [level.rebuild for level in page.LEVELS] == [False, True]
     job = make_job(data.select([0]), scene, polytope(20), Options(), 0.0, page)
     job = replace(job, deadline=NEVER)
     (h,) = search_polytope(replace(job, reductions=Reductions()), [])
+    return job, h
+
+
+def test_the_solve_goes_on_from_a_page_that_is_filled_anew(slid):
+    job, h = searched_first_action(slid)
+    assert [level.rebuild for level in job.page.LEVELS] == [False, True]
     solved = solved_from(job, h)
     solution = solved.solution
     assert solution.success
@@ -100,16 +107,26 @@ def test_the_solve_goes_on_from_a_page_that_is_filled_anew(slid):
 
 
 def test_where_time_ends_soft_fingertips_the_page_is_of_rigid_ones(slid):
-    data, scene, _ = slid
-    page = polytope_violation_implicit
-    job = make_job(data.select([0]), scene, polytope(20), Options(), 0.0, page)
-    job = replace(job, deadline=NEVER)
-    (h,) = search_polytope(replace(job, reductions=Reductions()), [])
+    job, h = searched_first_action(slid)
     late = after_soft_fingertips(replace(job, deadline=Deadline.within(0.0)), h)
     assert late.job.reductions.rigid
     assert COMPLIANCE not in late.problem.variables
     assert not late.solution.success
     assert np.isfinite(late.solution.objective)
+    assert late.solution.iterations_by_level  # what was computed is told
+
+
+def test_where_soft_fingertips_leave_no_body_rigid_ones_start_alone(slid, monkeypatch):
+    job, h = searched_first_action(slid)
+    collapsed = local_solve.collapsed
+    monkeypatch.setattr(
+        local_solve, "collapsed", lambda s: not s.job.reductions.rigid or collapsed(s)
+    )
+    solved = after_soft_fingertips(job, h)
+    assert solved.solution.success
+    assert solved.job.reductions.rigid
+    alone = solved_from(job, h)
+    assert solved.solution.objective == alone.solution.objective
 
 
 def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
@@ -119,15 +136,11 @@ def test_it_stands_on_three_vertices_and_none_is_below_the_ground(hull):
 
 
 def test_a_hull_on_three_legs_is_read_with_these(slid):
-    data, scene, _ = slid
-    page = polytope_violation_implicit
-    job = make_job(data.select([0]), scene, polytope(20), Options(), 0.0, page)
-    job = replace(job, deadline=NEVER)
-    (found,) = search_polytope(replace(job, reductions=Reductions()), [])
+    job, found = searched_first_action(slid)
     vertices = found.theta.reshape(-1, 3)
     vertices[np.argsort(vertices[:, 2])[3:], 2] += 2e-3  # a fourth might carry as well
     found = replace(found, theta=vertices.ravel())
-    solved = solved_from(job, found, levels=page.LEVELS[:1])
+    solved = solved_from(job, found, levels=job.page.LEVELS[:1])
     assert len(solved.window.legs) == 3 < len(job.shape.corners)
     body = read_hull(job, solved)
     information = information_in_time(job, solved, body["faces"])

@@ -158,6 +158,6 @@ def _search_polytope_in_contact_frame(job: Job, incumbents) -> list[Hypothesis]:
     frame = ContactFrame.of(job)
     found = search_polytope(
         frame.job(job), [frame.into(h) for h in incumbents.kept],
-        lambda found: incumbents.keep([frame.out_of(h) for h in found]),
+        lambda kept: incumbents.keep([frame.out_of(h) for h in kept]),
     )  # fmt: skip
     return [frame.out_of(h) for h in found]

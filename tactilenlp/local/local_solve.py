@@ -84,13 +84,16 @@ def evaluated_at(job: Job, hypothesis: Hypothesis, before=None) -> Solved:
     is evaluated then has derivatives, for a sigma.
     """
     late = replace(job, deadline=job.deadline.until(0.0))
-    window, values = page_window(late, hypothesis), {}
+    window = page_window(late, hypothesis)
     problem = late.build(window, solved=before is not None)
     built = BuiltPage(problem, window, hypothesis)
-    if before is not None:
-        values, _, _ = transferred_values(before, window, built.problem)
-    values |= built.values_at(hypothesis)
-    solution = evaluated(built.problem, values, job.page.LEVELS[-1].parameters)
+    start, parameters = built.values_at(hypothesis), job.page.LEVELS[-1].parameters
+    if before is None:
+        solution = evaluated(problem, start, parameters)
+    else:
+        values, _, _ = transferred_values(before, window, problem)
+        solution = evaluated(problem, values | start, parameters)
+        solution = after(before.solution, solution)
     return Solved(hypothesis, built, solution, job)
 
 
@@ -164,12 +167,14 @@ def continuation(job: Job, solved: Solved) -> Solved | None:
 def after_soft_fingertips(job: Job, hypothesis: Hypothesis, levels=None) -> Solved:
     """Solve the page of rigid fingertips from where soft ones lead from a hypothesis.
 
-    Soft fingertips let go of touches that hold a body in a local optimum.  levels: of
-    rigid ones, by default those of the page.
+    Soft fingertips let go of touches that hold a body in a local optimum; where they
+    leave no body, without them.  levels: of rigid ones, by default those of the page.
     """
     soft = job.with_reductions(rigid=False)
     held = levels_of(soft)[:-1]  # the last one frees the compliance
     solved = solved_from(soft, hypothesis, levels=held)
+    if collapsed(solved):
+        return solved_from(job, hypothesis, levels=levels)
     return _rebuilt_for(job, solved, [[k] for k in levels or job.page.LEVELS])
 
 
@@ -186,7 +191,7 @@ def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
         for levels in groups:
             if job.deadline.passed("all levels of the page"):
                 break
-            if _collapsed(solved):
+            if collapsed(solved):
                 failed = replace(solved.solution, success=False, status=COLLAPSED)
                 return replace(solved, solution=failed)
             solved = _rebuilt(job, solved, levels)
@@ -197,7 +202,7 @@ def _rebuilt_for(job: Job, solved: Solved, groups) -> Solved:
     return replace(solved, solution=unfinished(solved.solution))
 
 
-def _collapsed(solved: Solved) -> bool:
+def collapsed(solved: Solved) -> bool:
     """Tell whether the vertices where a solve ended lie in a plane: no body is left."""
     at, shape = solved.at, solved.job.shape
     return shape.of_vertices and not volume(at.theta.reshape(-1, 3))
