@@ -18,7 +18,8 @@ convex, and `improved`, a Newton step on a convex quadratic bound of the work
 
 A body at s = (x, y, yaw) has moved by that much from a given pose.  Inertia is left
 out: at 0.2 m/s a body slides 7 mm on its own where mu_g = 0.3, but a finger that slows
-down over 0.5 s never lets go of it.  Nothing tips.
+down over 0.5 s never lets go of it.  Nothing tips here: whether it would, tells the
+`wrench` of the fingers (tactilenlp/geometry/support.py).
 
 `time_stepping` follows fingers that are where their path says; this page follows paths
 that are only planned, on which fingers meet bodies and are held back.
@@ -131,11 +132,17 @@ class Pushed:
         return g, H
 
     def tips(self, s, d, loads):
-        """Return where every finger is after the step, p (3,) [m]."""
+        """Return where every finger is after the step, p (3,) [m], and their wrench.
+
+        That is force [N] and moment [N m] of all fingers on the body, (6,), the moment
+        about the origin of positions.
+        """
         _, mu_f, _, stiffness, _, _ = self.law
-        out = []
-        for load, touch in zip(loads[1:], self.touched(s, d), strict=True):
-            r, phi, _, n, _, u = touch
+        out, wrench = [], ca.DM.zeros(6)
+        touched = zip(self.fingers, loads[1:], self.touched(s, d), strict=True)
+        for (_, _, rho), load, (r, phi, _, n, _, u) in touched:
             u *= sticking(u, mu_f * load, stiffness)
             out.append(r + n * positive_part(-phi, SOFT) - u)
-        return out
+            force = stiffness * u - load * n
+            wrench += ca.vertcat(force, ca.cross(out[-1] - rho * n, force))
+        return out, wrench

@@ -7,14 +7,15 @@ Fisher information of each sample (page `exploration`) is summed.  In nats.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+from scipy.stats import norm
 
 from formulations.friction import FRICTION_MEAN
 from formulations.names import FINGER_FRICTION, GROUND_FRICTION
-from formulations.rigid_body import PLANAR
+from formulations.rigid_body import FREE, PLANAR
 from formulations.shape import Shape
 
 from ..common.brief import printed
@@ -26,8 +27,10 @@ from ..common.validation import (
     check_whole,
 )
 from ..errors import OptionError, typed_call
+from ..geometry.support import tipping_margin
 from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
+from ..tracking.surface import body_surface
 from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace, workspace_of
 from .beliefs import Belief, has_free_poses
@@ -37,6 +40,7 @@ WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] of the predicted friction where there is no
 NEAR_DISTANCE = 0.01  # [m] a finger farther away is not in contact
 STEP_MULTIPLE = 5  # steps of a prediction are a multiple: few functions are compiled
 MIN_GROUND_FRICTION = 0.02  # [1]: without any friction a pushed body does not stop
+MARGIN_SIGMA = 2e-3  # [m] of a predicted centre of pressure; see predicted_pushes.py
 
 
 @printed
@@ -47,11 +51,20 @@ class Prospect:
     motion:      (n, 3) [m, m, rad], planar displacement of the body since now
     contact:     (n, F) [1], probability of a contact
     information: (k, k), SI, of theta and x_T
+    margin:      (n,) [m], how far the centre of pressure is within the polygon on which
+                 the body stands: it tips where this is negative; infinite of bodies
+                 that roll
     """
 
     motion: np.ndarray
     contact: np.ndarray
     information: np.ndarray
+    margin: np.ndarray
+
+    @property
+    def chance_to_slide(self) -> float:
+        """The probability [1] that the body slides all the way and does not tip."""
+        return float(norm.cdf(self.margin.min() / MARGIN_SIGMA))
 
 
 class ExpectedInformation:
@@ -99,6 +112,7 @@ class ExpectedInformation:
         reach = max(self.shape.reach(b.z[:theta]) for b in self.beliefs)
         self.workspace = self.workspace.around(reach)
         self._known = push_constants(estimate, self.workspace)
+        self._bodies = [_vertices(self.shape, b) for b in self.beliefs]
 
     @property
     def target(self) -> np.ndarray:
@@ -106,24 +120,28 @@ class ExpectedInformation:
         return self.estimate.position[-1]
 
     def gain(self, action: Action) -> float:
-        """Return the expected information gain in nats, over the hypotheses."""
-        gains = [
-            information_gain(b.information, self._ahead(b, action)[2], len(b.z))
-            for b in self.beliefs
-        ]
-        return float(np.dot([b.weight for b in self.beliefs], gains))
+        """Return the expected information gain in nats, over the hypotheses.
+
+        Of a body that tips nothing is counted: where it then lies, no push tells.
+        """
+        gains = []
+        for i, b in enumerate(self.beliefs):
+            ahead = self._ahead(i, action)
+            told = information_gain(b.information, ahead.information, len(b.z))
+            gains.append(b.weight * ahead.chance_to_slide * told)
+        return float(sum(gains))
 
     def prospect(self, action: Action, hypothesis: int = 0) -> Prospect:
         """Return the predicted outcome of the action, from one hypothesis."""
         check_sample(hypothesis, len(self.beliefs), "hypothesis")
-        b = self.beliefs[hypothesis]
-        motion, contact, F = self._ahead(b, action)
-        return Prospect(motion, contact, F[: len(b.z), : len(b.z)])
+        ahead, k = self._ahead(hypothesis, action), len(self.beliefs[hypothesis].z)
+        return replace(ahead, information=ahead.information[:k, :k])
 
-    def _ahead(self, belief: Belief, action: Action):
-        """Return motion (n, 3), contact probabilities (n, F), information (k, k)."""
+    def _ahead(self, hypothesis: int, action: Action) -> Prospect:
+        """Return the prospect, its information with that of unknown offsets."""
         check_types(action=(action, Action))
-        space, k = action.workspace, len(belief.information)
+        belief, space = self.beliefs[hypothesis], action.workspace
+        k = len(belief.information)
         self._check_fingers(space)
         n = max(1, round(space.duration / self.estimate.measurements.dt))
         path = action.positions(self.target, n + 1)
@@ -134,22 +152,24 @@ class ExpectedInformation:
         radii = self.estimate.measurements.finger_radius  # of other fingers: all alike
         radii = radii if len(radii) == F else np.full(F, space.finger_radius)
         rest = np.zeros(3), r[:, 0], np.zeros(3), np.zeros((3, k)), np.zeros((3, 3))
-        _, _, s, _, _, p, E = step(
+        _, _, s, _, _, p, E, wrench = step(
             *rest, belief.z, r[:, :-1], r[:, 1:],
             radii, self._known, self._sensors, self._sloped,
         )  # fmt: skip
         motion, contact = np.zeros((n, 3)), np.zeros((n, F))
         motion[n - near :], contact[n - near :] = s.full().T, p.full().T
+        margin = np.full(n, np.inf)
+        if not self.shape.rolls:
+            standing = self._bodies[hypothesis], _pose(self.shape, belief)[0]
+            push = s.full().T, wrench.full().T, self._known[2]
+            margin[n - near :] = tipping_margin(*standing, *push)
         E = E.full().reshape(4 * F, near, k)
-        return motion, contact, np.einsum("ftk,ftl->kl", E, E)
+        return Prospect(motion, contact, np.einsum("ftk,ftl->kl", E, E), margin)
 
     def _near(self, belief: Belief, path, space) -> int:
         """Return how many last steps of a path (n + 1, F, 3) are near the body."""
         n, theta = len(path) - 1, belief.z[: self.shape.theta]
-        pose, centre = belief.z[len(theta) :], np.zeros(3)
-        centre[: len(pose)] = pose[:3]
-        if len(pose) == len(PLANAR.scale):  # else of a polytope, whose pose is held
-            centre[2] = float(self.shape.rest_height(ca.DM(theta)))
+        centre = _pose(self.shape, belief)[0]
         reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1
@@ -166,6 +186,24 @@ class ExpectedInformation:
                 expected=f"{fingers}, as in the measurements",
                 next="plan with as many, or estimate without Scene.sigma_offset",
             )
+
+
+def _pose(shape, belief: Belief):
+    """Return where a body lies: its centroid (3,) [m] and rotation (3, 3)."""
+    if shape.of_vertices:
+        return np.zeros(3), np.eye(3)
+    theta, x = np.split(belief.z, [shape.theta])
+    motion = FREE if len(x) > len(PLANAR.scale) else PLANAR
+    p, R = (ca.DM(v).full() for v in motion.pose(shape, ca.DM(theta), ca.DM(x)))
+    return p[:, 0], R
+
+
+def _vertices(shape, belief: Belief) -> np.ndarray:
+    """Return points (V, 3) [m] whose convex hull is the body, where it lies."""
+    if shape.of_vertices:
+        return belief.z.reshape(-1, 3)
+    p, R = _pose(shape, belief)
+    return body_surface(shape, belief.z[: shape.theta]) @ R.T + p
 
 
 def _check(estimate, workspace, hypotheses, slopes, shape) -> None:

@@ -35,8 +35,9 @@ def push_function(
     sigma_n; sloped: 1, or 0 for dx_t/dx_T = I.  off: M has columns for the offset (3,)
     of every finger after those of z.
 
-    It returns new d, p, s, M, P, the probability of contact (F,), and E (4 F, k):
-    E'E is the information of the sample.
+    It returns new d, p, s, M, P, the probability of contact (F,), E (4 F, k), and the
+    force and moment (6,) [N, N m] of the fingers on the body: E'E is the information of
+    the sample.
     """
     return step_function(shape, free, fingers, off).mapaccum("pushed", steps, 5)
 
@@ -64,7 +65,7 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
     step, at = d, [s, z, p, ca.vertcat(*meant), rho, constants]
     for _ in range(PUSH_ITERATIONS):
         step = better(step, *at)
-    D_s, D_z, D_r, p_now = _step_slopes(body, s, d, given)(step, *at)
+    D_s, D_z, D_r, p_now, wrench = _step_slopes(body, s, d, given)(step, *at)
     D_z = ca.horzcat(D_z, D_r) if off else D_z
     now, A = s + step, ca.DM.eye(3) + D_s
     M_now = M + sloped * (D_s @ M + D_z)
@@ -78,7 +79,7 @@ def step_function(shape, free: bool, fingers: int, off: bool) -> ca.Function:
         feel, z, now, spheres, sensors, M_now, P_now, off
     )
     sensed = map(ca.vcat, (chances, information))
-    out = [step, p_now, now, M_now, P_now, *sensed]
+    out = [step, p_now, now, M_now, P_now, *sensed, wrench]
     given = [d, p, s, M, P, z, goal_1, goal, rho, constants, sensors, sloped]
     out = [ca.densify(v) for v in out]
     return compiled([ca.Function("step", given, out, {"cse": True})])[0]
@@ -125,7 +126,7 @@ def _triples(column) -> list:
 
 
 def _step_slopes(body, s, d, given) -> ca.Function:
-    """Return the derivatives of the step d by s, z and the fingers, and the fingers.
+    """Return the derivatives of the step d by s, z and the fingers, their p and wrench.
 
     By the implicit function theorem.
     """
@@ -133,7 +134,8 @@ def _step_slopes(body, s, d, given) -> ca.Function:
     pull, _ = body.work_slope(s, d, loads)
     by_d, by_s, by_z, by_p, by_r = (ca.jacobian(pull, v) for v in (d, s, *given[2:5]))
     out = [-solve_3(by_d, by) for by in (by_s, by_z, by_p + by_r)]
-    out.append(ca.vertcat(*body.tips(s, d, loads)))
+    tips, wrench = body.tips(s, d, loads)
+    out += [ca.vertcat(*tips), wrench]
     return ca.Function("slopes", given, out, {"cse": True})
 
 
