@@ -1,0 +1,95 @@
+"""Where the ground carries a pushed body, and which pushes are expected to tip it."""
+
+import numpy as np
+import pytest
+from believed import SPACE, VAGUELY, actions, believed, known
+from conftest import benchmark
+from scipy.spatial.transform import Rotation
+
+from formulations.shape import cuboid_mesh
+from tactilenlp import ExpectedInformation
+from tactilenlp.geometry.support import tipping_margin
+
+SIDES = np.array([0.06, 0.04, 0.03])
+CORNERS = np.array(cuboid_mesh(SIDES)) + np.diag(SIDES)[2] / 2
+CENTRE, WEIGHT = np.array([0.0, 0.0, SIDES[2] / 2]), 5.0
+TALL = believed([0.03, 0.03, 0.09], [0.0, 0.0, 0.0], VAGUELY)
+pushes = benchmark("predicted_pushes")
+
+
+def wrench_of(force, point):
+    """Return force and moment (1, 6) of a force (3,) [N] at a point (3,) [m]."""
+    return np.r_[force, np.cross(point, force)][None]
+
+
+def margin_of(force, point, motion=(0.0, 0.0, 0.0)):
+    motion = np.array(motion)[None]
+    wrench = wrench_of(force, point)
+    return tipping_margin(CORNERS, CENTRE, motion, wrench, WEIGHT)[0]
+
+
+def test_a_body_at_rest_is_carried_below_its_centre():
+    assert margin_of([0, 0, 0], [0, 0, 0]) == pytest.approx(0.02, rel=2e-3)
+
+
+def test_a_push_moves_the_centre_of_pressure_ahead_by_its_height():
+    # F h / m g = 2 N * 25 mm / 5 N = 10 mm, of 20 mm to the edge ahead
+    assert margin_of([0, 2, 0], [0, -0.02, 0.025]) == pytest.approx(0.01, rel=2e-3)
+    # mu_g m g tips where mu_g h exceeds half the side
+    assert margin_of([0, 5, 0], [0, -0.02, 0.025]) == pytest.approx(-0.005, rel=2e-3)
+
+
+def test_what_presses_down_beyond_the_middle_is_carried_there():
+    # 5 N at 18 mm beside the 5 N of the weight: in the middle of the two
+    down = margin_of([0, 0, -5], [0, 0.018, 0.03])
+    assert down == pytest.approx(0.02 - 0.009, rel=2e-3)
+
+
+def test_a_margin_does_not_depend_on_where_the_body_lies_and_how_it_is_turned():
+    force, point = np.array([0.5, 1.5, -1.0]), np.array([0.01, -0.02, 0.025])
+    here = margin_of(force, point)
+    moved = np.array([0.02, -0.01, 0.7])
+    turn = Rotation.from_rotvec([0, 0, moved[2]])
+    there = turn.apply(point) + np.array([*moved[:2], 0])
+    assert margin_of(turn.apply(force), there, moved) == pytest.approx(here, abs=3e-5)
+    shift = np.array([0.3, 0.1, -0.2])  # of all, the ground too
+    wrench = wrench_of(force, point + shift)
+    rest = np.zeros((1, 3))
+    shifted = tipping_margin(CORNERS + shift, CENTRE + shift, rest, wrench, WEIGHT)
+    assert shifted[0] == pytest.approx(here, abs=1e-9)
+
+
+def test_a_body_on_an_edge_has_no_room():
+    turn = Rotation.from_rotvec([np.pi / 4, 0, 0])
+    corners = turn.apply(CORNERS - CENTRE)
+    stays = tipping_margin(
+        corners, np.zeros(3), np.zeros((1, 3)), np.zeros((1, 6)), WEIGHT
+    )
+    assert stays[0] <= 1e-9 + abs(corners[:, 1][corners[:, 2].argmin()])
+
+
+@pytest.mark.parametrize(("height", "slides"), [(0.012, True), (0.08, False)])
+def test_a_finger_on_a_tall_box_tips_it_where_it_pushes_high(height, slides):
+    at = known(**vars(TALL) | {"position": np.array([[0.0, 0.0, height]])})
+    action = SPACE.action(np.zeros(4), active=[True, False])
+    ahead = ExpectedInformation(at, SPACE).prospect(action)
+    assert ahead.margin.shape == (len(ahead.motion),)
+    assert ahead.margin[0] == np.inf  # not reached yet
+    assert (ahead.chance_to_slide > 0.9) == slides
+    assert (ahead.chance_to_slide < 1e-3) != slides
+
+
+def test_of_what_tips_nothing_is_expected():
+    expected = ExpectedInformation(TALL, SPACE)
+    some = actions(30)
+    chances = np.array([expected.prospect(a).chance_to_slide for a in some])
+    gains = np.array([expected.gain(a) for a in some])
+    assert np.count_nonzero(chances < 1e-3) > 10
+    assert gains[chances < 1e-3].max() < 0.05
+    assert gains[chances > 0.9].min() > 1.0
+
+
+def test_the_study_of_pushes_sees_solids_and_tall_boxes_tip(pushes):
+    rows = [pushes.compared(2, 8.0, kind) for kind in ("tall", "solid")]
+    assert all(np.isfinite(row["margin"]) for row in rows)
+    assert "of 1 tip" in pushes.said(rows, 8.0)
