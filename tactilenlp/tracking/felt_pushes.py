@@ -28,10 +28,10 @@ def pushed_paths(data, samples, z, onset, friction) -> np.ndarray:
     where a touch begins, the part during which it touches; friction: ground, fingers.
     """
     foot, pose, motion = z[:1], z[1:], np.zeros_like(z[1:])
-    paths = np.empty((*pose.T.shape, len(samples)))
+    paths, pushed = np.empty((*pose.T.shape, len(samples))), _Pushed(data, friction)
     paths[:, :, 0] = pose.T
     for k, t in enumerate(samples[1:], 1):
-        motion = _pushed(data, t, np.vstack([foot, pose]), motion, onset, friction)
+        motion = pushed(t, np.vstack([foot, pose]), motion, onset)
         pose = pose + motion
         paths[:, :, k] = pose.T
     return paths
@@ -42,32 +42,39 @@ def pushed_steps(data, x, foot, friction) -> np.ndarray:
 
     Its centre of mass is its origin.  foot [m], friction: as of `pushed_paths`.
     """
-    steps, onset = np.zeros(x.shape), np.array([HALF])
-    for t in range(1, x.shape[1]):
-        z, before = np.r_[foot, x[:, t - 1]][:, None], steps[:, [t - 1]]
-        steps[:, [t]] = _pushed(data, t, z, before, onset, friction)
+    steps, onset, pushed = np.zeros(x.shape), np.array([HALF]), _Pushed(data, friction)
+    z = np.vstack([np.full(x.shape[1], foot), x])
+    for t in np.flatnonzero(pushed.active[: x.shape[1]].any(axis=1)):
+        steps[:, [t]] = pushed(t, z[:, [t - 1]], steps[:, [t - 1]], onset)
     return steps
 
 
-def _pushed(data, t, z, before, onset, friction) -> np.ndarray:
-    """Return the motion (3, S) of bodies z (4, S) in the step to sample t.
+class _Pushed:
+    """The motion of bodies in one step of a recording, by the touches that it has.
 
-    before (3, S): that of the step before; no motion where nothing is felt.
+    active (T, F): which fingers push in the step to a sample.
     """
-    touched = data.contact & data.valid
-    active = np.flatnonzero(touched[t] & (data.action[t] == data.action[t - 1]))
-    if not len(active):
-        return np.zeros_like(before)
-    step = _step_of(data, t, active, touched[t - 1], onset)
-    return _push(len(active))(z, before, *step, np.array(friction))[0]
 
+    def __init__(self, data, friction):
+        self._data, self._friction = data, np.array(friction)
+        self._touched = data.contact & data.valid
+        within = np.diff(data.action, prepend=np.nan) == 0  # no step between actions
+        self.active = self._touched & within[:, None]
 
-def _step_of(data, t, active, before, onset) -> tuple:
-    """Return ways of active fingers, normals, and shares of the ways (fingers, S)."""
-    p, radius = data.finger_position, data.finger_radius
-    ways = np.concatenate([[*p[t - 1, f], *p[t, f], radius[f]] for f in active])
-    shares = np.where(before[active, None], 1.0, onset)
-    return ways, data.normal[t, active].ravel(), shares
+    def __call__(self, t, z, before, onset) -> np.ndarray:
+        """Return the motion (3, S) of bodies z (4, S) in the step to sample t.
+
+        before (3, S): that of the step before; no motion where nothing is felt.
+        """
+        active = np.flatnonzero(self.active[t])
+        if not len(active):
+            return np.zeros_like(before)
+        p, radius = self._data.finger_position, self._data.finger_radius
+        ways = np.concatenate([[*p[t - 1, f], *p[t, f], radius[f]] for f in active])
+        shares = np.where(self._touched[t - 1, active, None], 1.0, onset)
+        normals = self._data.normal[t, active].ravel()
+        push = _push(len(active))
+        return push(z, before, ways, normals, shares, self._friction)[0]
 
 
 @cache
