@@ -40,7 +40,9 @@ def informed(matrix, covariance=None):
     C = np.linalg.inv(matrix) if covariance is None else covariance
     names = NAMES if len(matrix) == len(NAMES) else WHOLE
     modes = one_mode(0.0, C)
-    return SimpleNamespace(names=names, matrix=matrix, covariance_matrix=C, modes=modes)
+    return SimpleNamespace(
+        names=names, matrix=matrix, covariance_matrix=C, modes=modes, maps={}
+    )
 
 
 VAGUELY = (5e-3, 4e-3, 3e-3, 2e-3, 2e-3, 0.1)

@@ -22,9 +22,10 @@ def test_hypotheses_are_averaged_by_their_objectives(estimate):
     weights = [b.weight for b in expected.beliefs]
     assert weights == pytest.approx(np.array([1, np.exp(-1)]) / (1 + np.exp(-1)))
     action = actions(1)[0]
+    ahead = [expected.prospect(action, i) for i in range(len(weights))]
     each = [
-        information_gain(b.information, expected.prospect(action, i).information)
-        for i, b in enumerate(expected.beliefs)
+        one.chance_to_slide * information_gain(b.information, one.information)
+        for b, one in zip(expected.beliefs, ahead, strict=True)
     ]
     assert expected.gain(action) == pytest.approx(np.dot(weights, each))
     alone = ExpectedInformation(two, SPACE, hypotheses=1)

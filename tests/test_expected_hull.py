@@ -1,6 +1,7 @@
 """What an action is expected to tell of a hull: unseen faces most, felt ones little."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -49,6 +50,7 @@ def turned(estimate):
 def estimate_of(world, data, vertices=VERTICES) -> Estimate:
     """Return what stands for an estimate: the truth, and what was felt."""
     return known(
+        unknowns={"x": np.zeros((3, 1))}, information=SimpleNamespace(maps={}),
         shape="polytope", scene=Scene(), precision={"position": 0.0, "normal": 0.0},
         measurements=data, position=world.truth.object_position, theta=vertices.ravel(),
         quaternion=world.truth.object_quaternion, body_vertices=vertices,

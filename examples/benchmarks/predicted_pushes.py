@@ -28,7 +28,7 @@ from formulations.rigid_body import ARM
 from formulations.shape import CUBOID
 from tactilenlp import Workspace, World
 from tactilenlp.exploration.push_model import push_function
-from tactilenlp.geometry.support import tipping_margin
+from tactilenlp.geometry.support import Standing
 from tactilenlp.geometry.transforms import rotation_of
 
 SENSORS = 1e3, 0.2e-3, 0.02  # [1/m], [m], [rad]: they do not change the motion
@@ -99,7 +99,9 @@ def predicted(world, vertices, path) -> tuple[np.ndarray, float]:
     told = world.finger_radius, known, SENSORS, 1.0
     out = push(*rest, z, goals[:, :-1], goals[:, 1:], *told)
     motion, wrench = out[2].full().T, out[-1].full().T
-    margin = tipping_margin(vertices, centre, motion, wrench, weight)
+    known = np.zeros((len(vertices), 2, 1)), np.zeros((1, 1))  # exactly
+    standing = Standing(vertices - centre, centre, np.zeros(2), *known)
+    margin, _ = standing.margin(motion, wrench, weight)
     return motion[-1], float(margin.min())
 
 

@@ -29,9 +29,11 @@ from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 from formulations.pushed_hull import LIFTED
+from formulations.rigid_body import PLANAR
 
 from ..geometry.convex_hull import hull_vertices, nearest_points
 from ..geometry.faces import FACE_TILT
+from ..geometry.support import Standing, settling
 from ..geometry.transforms import rotation_of
 from . import beliefs
 from .beliefs import POSE_PRIOR_SIGMA, Belief
@@ -55,14 +57,28 @@ def belief_of(estimate, shape) -> Belief:
     centre = ground.to_ground(estimate.position[-1])
     R_go = ground.rotation @ estimate.rotation()
     vertices = estimate.vertices @ R_go.T
-    before = ball_prior(vertices, shape.size_prior)
     points = fingers_on_body(estimate)
+    if len(estimate.unknowns["x"]) > len(PLANAR.scale):  # it may lean on a finger
+        turn, centre = settling(vertices, centre)
+        vertices, points = vertices @ turn.T, points @ turn.T
+    before = ball_prior(vertices, shape.size_prior)
     information = before + information_of_samples(estimate, shape, vertices, points)
     information += flatness_information(
         vertices, centre[2], contacts_on_hull(estimate, vertices, points)
     )
     information = after_retraction(information, vertices)
     return Belief(vertices.ravel(), information, before, 1.0, -centre[None])
+
+
+def standing_of(belief: Belief, centre) -> Standing:
+    """Return a belief as a body that stands on the ground.
+
+    centre (3,) [m]: of mass, from the centroid, along the ground's axes.
+    """
+    vertices, k = belief.z.reshape(-1, 3), len(belief.z)
+    slopes = np.eye(k).reshape(len(vertices), 3, k)[:, :2]
+    known = np.linalg.inv(belief.information)[:k, :k]
+    return Standing(vertices, np.zeros(3), centre[:2], slopes, known)
 
 
 def hull_sensor_model(estimate) -> np.ndarray:

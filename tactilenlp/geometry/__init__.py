@@ -7,5 +7,6 @@ In: points, half-spaces, poses, estimates.  Out: rotations, hulls, faces, ways t
 - `simplification`: hulls of fewer vertices, of fewer faces, of more vertices
 - `faces`: facets merged into faces, their planes and sigma; which of them a touch is of
 - `interpolation`: gaps of time series
+- `support`: where the ground carries a pushed body, and how near that is to tipping
 - `tipping`: the kinematics of a body that tips over an edge
 """

@@ -2,43 +2,98 @@
 
 With forces f_i on the body at points p_i, and the ground at height g, equilibrium is
 
-    N = m g_0 - sum_i f_iz,    N c = m g_0 p_wo + (M_y, -M_x),
+    N = m g_0 - sum_i f_iz,    N c = m g_0 p_wm + (M_y, -M_x),
     M = sum_i (p_i - g e_z) x f_i
 
-in the horizontal coordinates of the centre of pressure c.  The ground presses only
-within the convex hull of the points on which the body stands: a body that needs c
-outside of it tips over an edge (the zero moment point of walking robots: Vukobratovic
-and Borovac, Int. J. Humanoid Robotics 1, 2004).
+in the horizontal coordinates of the centre of pressure c and the centre of mass p_wm.
+The ground presses only within the convex hull of the points on which the body stands: a
+body that needs c outside of it tips over an edge (the zero moment point of walking
+robots: Vukobratovic and Borovac, Int. J. Humanoid Robotics 1, 2004).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from formulations.pushing import LIGHTEST
+
+from .faces import polygons
 
 STANDS = 1e-3  # [m] above its lowest point, a vertex of an estimated body carries it
 AROUND = np.linspace(0, 2 * np.pi, 64, endpoint=False)  # [rad], 0.1 % of a polygon
 OUTWARD = np.stack([np.cos(AROUND), np.sin(AROUND)])  # (2, 64)
+DOWN = np.array([0.0, 0.0, -1.0])
 
 
-def tipping_margin(vertices, position, motion, wrench, weight) -> np.ndarray:
-    """Return how far (n,) [m] the centre of pressure is within the support polygon.
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A body that stands on the ground, as far as it is known.
 
-    It is negative where the body tips.  vertices: (V, 3) [m] before the motion, in the
-    frame of positions; position: (3,) [m], its centre of mass; motion: (n, 3)
-    [m, m, rad], planar displacements since then; wrench: (n, 6) [N, N m], force on the
-    body and moment about the origin; weight: m g_0 [N].
+    vertices:   (V, 3) [m], from its origin, along the axes of the frame of positions
+    position:   (3,) [m], of its origin
+    centre:     (2,) [m], of mass, horizontally from its origin
+    slopes:     (V, 2, k), of the vertices, horizontally, by k uncertain numbers
+    covariance: (k, k), of these
     """
-    ground = vertices[:, 2].min()
-    stands = vertices[vertices[:, 2] < ground + STANDS, :2] - position[:2]
-    force, moment = wrench[:, :3], wrench[:, 3:]
-    moment = moment - np.cross([0.0, 0.0, ground], force)
-    load = np.maximum(weight - force[:, 2], LIGHTEST * weight)
-    centre = position[:2] + motion[:, :2]
-    carried = weight * centre + np.stack([moment[:, 1], -moment[:, 0]], axis=1)
-    apart = carried / load[:, None] - centre  # of the centre of pressure, world's axes
-    angle = AROUND + motion[:, 2:]
-    ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (n, 2, 64)
-    reached = np.einsum("ni,nia->na", apart, ahead)
-    return ((stands @ OUTWARD).max(axis=0) - reached).min(axis=1)
+
+    vertices: np.ndarray
+    position: np.ndarray
+    centre: np.ndarray
+    slopes: np.ndarray
+    covariance: np.ndarray
+
+    def margin(self, motion, wrench, weight) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far the centre of pressure is within the support polygon (n,) [m].
+
+        It is negative where the body tips.  And its standard deviation (n,) [m], by
+        what is not known of the polygon.  motion: (n, 3) [m, m, rad], planar
+        displacements; wrench: (n, 6) [N, N m], force on the body and moment about the
+        origin of positions; weight: m g_0 [N].
+        """
+        ground = self.vertices[:, 2].min()
+        stands = np.flatnonzero(self.vertices[:, 2] < ground + STANDS)
+        # It stands: the polygon has at least the point below the centre of mass.
+        points = np.vstack([self.vertices[stands, :2], self.centre])
+        reach, vertex = (
+            (points @ OUTWARD).max(axis=0),
+            (points @ OUTWARD).argmax(axis=0),
+        )
+        angle = AROUND + motion[:, 2:]
+        ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (n, 2, 64)
+        pressed = self._pressed(motion, wrench, weight, ground)
+        room = reach - np.einsum("ni,nia->na", pressed, ahead)
+        edge = room.argmin(axis=1)
+        slopes = np.vstack([self.slopes[stands], np.zeros((1, *self.slopes.shape[1:]))])
+        J = np.einsum("ni,nik->nk", OUTWARD.T[edge], slopes[vertex[edge]])
+        variance = np.einsum("nk,kl,nl->n", J, self.covariance, J)
+        return room[np.arange(len(room)), edge], np.sqrt(np.maximum(variance, 0.0))
+
+    def _pressed(self, motion, wrench, weight, ground) -> np.ndarray:
+        """Return the centre of pressure (n, 2) [m] from the origin of the body."""
+        force, plane = wrench[:, :3], self.position[2] + ground
+        moment = wrench[:, 3:] - np.cross([0.0, 0.0, plane], force)
+        load = np.maximum(weight - force[:, 2], LIGHTEST * weight)
+        origin, turn = self.position[:2] + motion[:, :2], motion[:, 2]
+        c, s = np.cos(turn), np.sin(turn)
+        x, y = self.centre
+        mass = origin + np.stack([c * x - s * y, s * x + c * y], axis=1)
+        carried = weight * mass + np.stack([moment[:, 1], -moment[:, 0]], axis=1)
+        return carried / load[:, None] - origin
+
+
+def settling(vertices, position) -> tuple[np.ndarray, np.ndarray]:
+    """Return how a body that leans comes to lie flat: rotation (3, 3), position (3,).
+
+    On the face that points down most, over its lowest vertex, ground at z = 0; for
+    vertices (V, 3) [m] from its origin at `position` (3,) [m].
+    """
+    normals = np.array([n for _, n in polygons(vertices)])
+    down = normals[normals[:, 2].argmin()]
+    turn = Rotation.align_vectors(DOWN, down)[0].as_matrix()
+    pivot = vertices[vertices[:, 2].argmin()]
+    lying = position + pivot - turn @ pivot
+    lying[2] = -(vertices @ turn.T)[:, 2].min()
+    return turn, lying
