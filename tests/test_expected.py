@@ -9,11 +9,13 @@ from believed import BOX, SPACE, VAGUELY, actions, believed, known, measured
 from formulations.shape import CUBOID
 from tactilenlp import (
     ExpectedInformation,
+    Ground,
     Scene,
     Workspace,
     World,
     choose_action,
     expected_information_gain,
+    explore,
     information_gain,
     solve_estimate,
 )
@@ -181,3 +183,34 @@ def test_what_is_no_information_is_refused(wrong):
         information_gain(wrong, np.eye(3))
     with pytest.raises(TactileError, match="not positive definite"):
         information_gain(np.eye(3), np.full((3, 3), np.inf))
+
+
+def test_a_workspace_on_another_ground_or_of_smaller_fingertips_is_refused():
+    """Fingers would meet the ground: lines end at its height, and by their radius."""
+    with pytest.raises(OptionError, match="another ground"):
+        ExpectedInformation(BOX, Workspace(ground=Ground(height=0.3)))
+    with pytest.raises(OptionError, match="smaller fingertips"):
+        choose_action(BOX, Workspace(finger_radius=0.005))
+    world = World([0.05, 0.04, 0.03], ground=0.3, finger_radius=(0.02, 0.02))
+    scene = Scene(ground=Ground(height=0.3))
+    for space, what in (
+        (Workspace(finger_radius=0.02), "another ground"),
+        (Workspace(ground=scene.ground), "smaller fingertips"),
+    ):
+        with pytest.raises(OptionError, match=what):
+            next(explore(world, scene, workspace=space, centre=(0, 0)))
+    assert world.measurements is None  # before the first command
+
+
+def test_the_ground_that_was_told_is_that_of_a_scene_whose_ground_was_estimated():
+    leans = Ground().turned([0.02, 0.0], np.zeros(3))
+    body = known(**vars(BOX) | {"scene": Scene(ground=leans)})
+    for ground in (leans, Ground()):
+        ExpectedInformation(body, Workspace(ground=ground))
+
+
+def test_that_capsules_are_predicted_as_spheres_is_said(caplog):
+    ExpectedInformation(
+        known(**vars(BOX) | {"scene": Scene(finger_length=0.04)}), SPACE
+    )
+    assert "spherical fingertips" in caplog.text

@@ -170,3 +170,37 @@ def test_a_report_is_written_as_html_alone(estimate, tmp_path):
     with pytest.raises(OptionError, match="no such format"):
         estimate.report(tmp_path / "report.png")
     assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_cost_that_is_not_finite_is_null_and_shown_as_such(value, estimate, tmp_path):
+    name, path = [*estimate.costs][-1], tmp_path / "report.html"
+    replace(estimate, costs={**estimate.costs, name: value}).report(path)
+    shown = content(path)["costs"]
+    assert shown[0] == [name, None]  # first, as what went wrong
+    rest = [abs(cost) for _, cost in shown[1:]]
+    assert rest == sorted(rest, reverse=True)
+
+
+def test_a_deviation_that_is_not_known_is_not_shown_as_zero(estimate, tmp_path):
+    along = estimate.information.path.copy()
+    along[0, 0], along[-1, 2] = np.nan, np.inf
+    unknown = replace(estimate.information, path=along)
+    path = tmp_path / "report.html"
+    replace(estimate, information=unknown).report(path)
+    sigma = content(path)["position_sigma"]
+    assert sigma[0][0] is None
+    assert sigma[-1][2] is None
+    assert sigma[0][1] == pytest.approx(along[0, 1], abs=1e-6)
+
+
+def test_a_browser_shows_what_is_not_finite_in_words(estimate, tmp_path):
+    name, path = [*estimate.costs][-1], tmp_path / "report.html"
+    along = np.full_like(estimate.information.path, np.nan)
+    unknown = replace(estimate.information, path=along)
+    costs = {**estimate.costs, name: np.nan}
+    replace(estimate, costs=costs, information=unknown).report(path)
+    dom = browse(path)
+    assert "data-error" not in dom
+    assert "not finite" in dom
+    assert "± unknown" in dom

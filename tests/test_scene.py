@@ -60,13 +60,17 @@ def test_frictions_ground_and_sensors_may_be_unknown_and_the_scene_is_frozen():
     assert hash(Scene()) == hash(Scene())
 
 
-def test_a_file_gives_mass_and_frictions_and_nothing_else(tmp_path):
-    truth = {"gravity": 1.6, "sigma_normal": 0.2, "side_lengths": np.array([{}])}
+def test_a_file_gives_mass_frictions_gravity_and_height_and_nothing_else(tmp_path):
+    truth = {"ground": 0.3, "sigma_normal": 0.2, "side_lengths": np.array([{}])}
     np.savez(tmp_path / "a.npz", mass=0.02, friction_ground=0.1, **truth)
     scene = Scene.load(tmp_path / "a.npz")
     assert scene == Scene(mass=0.02, friction_ground=0.1)
     np.savez(tmp_path / "b.npz", **truth)
     assert Scene.load(tmp_path / "b.npz", mass=0.5) == Scene()
+    np.savez(tmp_path / "c.npz", mass=0.5, gravity=0, ground_height=[])
+    assert Scene.load(tmp_path / "c.npz") == Scene(ground=None, gravity=0)
+    given = Scene.load(tmp_path / "c.npz", ground=Ground(0.1), gravity=1.6)
+    assert given == Scene(ground=Ground(0.1), gravity=1.6)
 
 
 def test_a_file_without_mass_is_refused_unless_it_is_given(tmp_path):

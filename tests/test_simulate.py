@@ -157,6 +157,40 @@ def test_body_floats_without_ground_and_gravity():
 
 
 @pytest.mark.parametrize(
+    "about",
+    [
+        {"ground": 10.02},
+        {"ground": None, "gravity": 0.0, "position": (0, 0, 10)},
+        {"side_lengths": [0.1, 0.1, 2.0], "ground": 9.0},
+        {"side_lengths": None, "vertices": 30 * np.eye(4, 3), "ground": 9.0},
+    ],
+    ids=["raised", "floating", "tall", "hull as high as a house"],
+)
+def test_an_object_of_any_height_stays_where_it_was_set_down(about):
+    world = World(**{"side_lengths": SIZES} | about)
+    assert (world.plant.distance() > 1.0).all()  # of the fingers, which wait above
+    np.testing.assert_allclose(world.pose[:3], world.position, atol=1e-5)
+    np.testing.assert_allclose(world.pose[3:], world.quaternion, atol=1e-5)
+
+
+def test_an_object_falls_freely_from_any_height_before_the_first_action():
+    settle = 0.05
+    world = World(SIZES, position=(1.0, 0.0, 9.995), settle=settle)
+    fallen = 9.81 / 2 * settle**2
+    # Steps h of the integrator add g h t / 2, here 0.06 mm, to the parabola.
+    np.testing.assert_allclose(world.pose[:3], [1, 0, 9.995 - fallen], atol=1e-4)
+
+
+def test_fingers_of_any_radius_wait_apart_from_each_other():
+    world = World(SIZES, finger_radius=[0.8, 0.02, 1.4, 0.7])
+    apart = np.diff(world.plant.fingers[:, 0])
+    assert (apart > world.finger_radius[1:] + world.finger_radius[:-1]).all()
+    waiting = world.plant.fingers
+    world.plant.hold(0.1)
+    np.testing.assert_allclose(world.plant.fingers, waiting, atol=1e-6)
+
+
+@pytest.mark.parametrize(
     ("options", "name"),
     [
         ({"side_lengths": None}, "side_lengths"),

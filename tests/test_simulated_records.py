@@ -10,6 +10,7 @@ from pushes import SIZES, gap_and_normal, line, push
 
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.noise_model import Noise
+from tactilenlp.data.scene import Ground, Scene
 from tactilenlp.errors import SceneError
 from tactilenlp.simulation.world import World
 
@@ -77,6 +78,34 @@ def test_saved_world_loads_as_measurements_and_keeps_its_truth(pushed, tmp_path)
         assert {"friction_finger", "truth_impulse", "truth_distance"} <= set(file)
     with pytest.raises(SceneError, match="execute a trajectory"):
         World(SIZES, settle=0).save(tmp_path / "nothing.npz")
+
+
+@pytest.mark.parametrize(
+    ("about", "ground"),
+    [
+        ({"ground": 0.3}, Ground(height=0.3)),
+        ({"ground": -0.02, "gravity": 1.6}, Ground(height=-0.02)),
+        ({"ground": None, "gravity": 0.0, "position": (0.0, 0.0, 0.2)}, None),
+    ],
+    ids=["raised", "on the moon", "floating"],
+)
+def test_a_saved_world_gives_the_scene_it_was_recorded_in(about, ground, tmp_path):
+    world = World(SIZES, mass=0.2, friction_ground=0.4, settle=0, **about)
+    above = line(([0.2, 0.0, 0.5], [0.2, 0.1, 0.5]), ([-0.2, 0, 0.5], [-0.2, 0, 0.5]))
+    world.execute(above)
+    world.save(tmp_path / "scene.npz")
+    known = {"mass": 0.2, "friction_ground": 0.4, "gravity": world.gravity}
+    assert Scene.load(tmp_path / "scene.npz") == Scene(ground=ground, **known)
+
+
+@pytest.mark.parametrize("height", [np.nan, [0.1, 0.2], "low", np.empty((0, 3)), True])
+def test_a_height_of_the_ground_that_is_no_number_is_refused(height, tmp_path):
+    np.savez(tmp_path / "a.npz", mass=0.5, ground_height=height)
+    with pytest.raises(SceneError) as error:
+        Scene.load(tmp_path / "a.npz")
+    assert error.value.where == "ground_height"
+    assert "empty array" in error.value.next
+    assert Scene.load(tmp_path / "a.npz", ground=None).ground is None
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactilenlp import Ground, Measurements, Options, Workspace, World, explore
+from tactilenlp import Ground, Measurements, Options, Scene, Workspace, World, explore
 from tactilenlp.errors import NoContactError, SceneError
 from tactilenlp.exploration.sweep import AIM_HEIGHT, aim, sweep
 
@@ -42,6 +42,38 @@ def test_the_sweep_passes_within_a_finger_of_every_place():
     for place in rng.uniform(-0.1, 0.1, (200, 2)):
         nearest = np.linalg.norm(p[:, :2] - place, axis=1).min()
         assert nearest < space.finger_radius + 0.006  # of a box 12 mm wide
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+@pytest.mark.parametrize("centre", [None, (0.02, 0.0, 0.02)])
+def test_a_ground_of_any_height_carries_its_sweep_along(normal, centre):
+    """Parked fingers included: in the ground's frame all sweeps are the same."""
+    known, ways = 0.0 if centre is None else np.array(centre), []
+    for height in (0.0, 0.4, -0.4):
+        ground = Ground(height, normal)
+        place = None if centre is None else known + ground.origin
+        paths = sweep(Workspace(3, ground=ground), place)
+        ways.append([ground.to_ground(path.finger_position) for path in paths])
+    np.testing.assert_allclose(ways[1:], ways[:1] * 2, atol=1e-12)
+    assert np.min(ways[0]) < 0.0 < np.min(np.array(ways[0])[..., 2])
+
+
+def test_no_finger_is_parked_below_the_ground_or_lower_than_the_sweep():
+    below = Ground(height=0.4), np.zeros(3)  # a centre that is not told in height
+    for ground, centre in ((Ground(height=0.4), None), below):
+        space = Workspace(3, ground=ground, clearance=0.2)
+        for path in sweep(space, centre):
+            height = ground.distance(path.finger_position)
+            assert (height[:, 1:] >= height[:, :1]).all()
+
+
+@pytest.mark.slow
+def test_a_body_on_a_ground_far_above_the_origin_is_found_and_estimated():
+    world, scene = World((0.05, 0.035, 0.04), ground=0.4), Scene(ground=Ground(0.4))
+    given = {"options": Options(hypotheses=2, starts=3), "actions": 0}
+    (step,) = explore(world, scene, formulation="quasi_static", **given)
+    assert step.measurements.contact.any()
+    assert step.estimate.position[-1, 2] == pytest.approx(0.42, abs=0.02)
 
 
 @pytest.mark.parametrize(

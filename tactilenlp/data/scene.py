@@ -29,7 +29,11 @@ LARGEST_SIGMA = 0.1  # [m] deviation of a finger position: beyond it is in mm
 # [-] of ground, of fingers where not known; no ground has none: pushes divide by it
 TYPICAL_FRICTION = 0.3, 0.5
 LOW_FRICTION = 0.1  # [-] of the ground, where it is not known and must stop the body
-KNOWN_KEYS = ("mass", "friction_ground", "friction_finger")  # read from a file
+GROUND_HEIGHT = "ground_height"  # key of a file: [m], an empty array for no ground
+KNOWN_KEYS = (  # read from a file
+    *("mass", "friction_ground", "friction_finger", "gravity"),
+    GROUND_HEIGHT,
+)
 
 
 @shown
@@ -118,11 +122,12 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | os.PathLike, **overrides: object) -> Scene:
-        """Read mass, friction_ground and friction_finger from an .npz that has them.
+        """Read mass, frictions, gravity and ground_height from an .npz that has them.
 
+        ground_height: [m], of a level ground; an empty array (0,) where there is none.
         Any field can be overridden: `Scene.load(path, friction_ground=None)`.  A file
         without mass raises SceneError unless the mass is given: impulses are in units
-        of the weight.  Frictions that the file does not have are those of Scene().
+        of the weight.  All else that the file does not have is that of Scene().
         """
         names = [one.name for one in fields(cls)]
         for name in overrides:
@@ -134,6 +139,9 @@ class Scene:
                 expected="a number [kg]",
                 next="give it: Scene.load(path, mass=...), --mass on the command line",
             )  # fmt: skip
+        height = values.pop(GROUND_HEIGHT, None)
+        if height is not None and "ground" not in overrides:
+            values["ground"] = _ground_of(height)
         return cls(**values)
 
     @property
@@ -204,6 +212,15 @@ class Scene:
                 next="set Scene(ground=Ground(height=...)), or ground=None for none; "
                 "set valid=False where single positions are wrong",
             )
+
+
+def _ground_of(height: np.ndarray) -> Ground | None:
+    """Return the level ground at the height [m] of a file, None for an empty array."""
+    if height.shape == (0,):
+        return None
+    fix = "write an empty array where there is no ground"
+    number = scene_number(GROUND_HEIGHT, height, "a height [m]", fix=fix)
+    return Ground(number)
 
 
 def typical_friction(scene) -> tuple[float, float]:

@@ -8,6 +8,7 @@ the probability that the body slides and does not tip (geometry/support.py).  In
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,8 +33,9 @@ from ..problem.pages import shape_of
 from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace, workspace_of
 from .beliefs import Belief, has_free_poses
-from .push_model import check_predictable, push_function
+from .push_model import check_predictable, check_workspace, push_function
 
+log = logging.getLogger("tactilenlp")
 WEIGHTLESS_GRAVITY = 9.81  # [m/s^2] of the predicted friction where there is none
 NEAR_DISTANCE = 0.01  # [m] a finger farther away is not in contact
 STEP_MULTIPLE = 5  # steps of a prediction are a multiple: few functions are compiled
@@ -98,6 +100,12 @@ class ExpectedInformation:
         check_predictable(estimate.scene, self.shape)
         radius, ground = estimate.measurements.finger_radius, estimate.scene.ground
         self.workspace = workspace or workspace_of(radius, ground)
+        check_workspace(self.workspace, estimate.scene, radius)
+        if estimate.scene.finger_length:
+            log.warning(
+                "actions are predicted with spherical fingertips: capsules meet a body "
+                "earlier than that"
+            )
         self.estimate, self._sloped = estimate, float(slopes == "motion")
         self._off = estimate.finger_offset is not None
         self._check_fingers(self.workspace)

@@ -35,6 +35,7 @@ from .log import (
 )
 from .options import ExploreOptions
 from .policies import check_predicted, next_action, shape_of_start
+from .push_model import check_workspace
 from .sweep import TouchedWorld, check_reach, check_world, execute, first_touch
 
 log = logging.getLogger("tactilenlp")
@@ -87,7 +88,9 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
     estimate, past = start if isinstance(start, Estimate) else None, []
     exploration, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(exploration.steps) or estimate is not None
-    _check_fingers(world, loop.space, exploration)
+    radius = getattr(world, "finger_radius", None)
+    _check_fingers(radius, loop.space, exploration)
+    check_workspace(loop.space, loop.same["scene"], radius)
     check_reach(world, loop.space, settings.centre, exploration.estimate or estimate)
     for number in progress(range(first, settings.actions + 1), "explore"):
         step = exploration.at(number)
@@ -191,9 +194,11 @@ def _loop_of(world, scene, settings: ExploreOptions, file, start, executor) -> _
     return _Loop(world, space, settings, classes, solve, same)
 
 
-def _check_fingers(world, space: Workspace, exploration: Exploration) -> None:
-    """Raise unless world, workspace and saved measurements have the same fingers."""
-    radius = getattr(world, "finger_radius", None)
+def _check_fingers(radius, space: Workspace, exploration: Exploration) -> None:
+    """Raise unless a world's fingers are those of workspace and saved measurements.
+
+    radius [m]: of the world's, a number or (F,); None: it does not tell.
+    """
     if radius is None:
         return
     if np.ndim(radius) and len(radius) != space.fingers:

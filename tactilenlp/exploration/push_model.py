@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import casadi as ca
+import numpy as np
 
 from formulations import exploration, pushed_hull, pushing
 from formulations.finger import SPHERE
@@ -200,6 +201,29 @@ def _unknowns(shape, free: bool):
     z = shape.symbol("z", shape.theta + motion.unknowns)
     theta = z[: shape.theta]
     return z, theta, motion.pose(shape, theta, z[shape.theta :])
+
+
+def check_workspace(space, scene, radius) -> None:
+    """Raise OptionError unless a workspace has the scene's ground and its fingertips.
+
+    radius [m]: of the fingers, a number or (F,); None: not known.  Without a ground in
+    the scene, that of the workspace is any plane that fingers stay above.
+    """
+    known = scene.ground, scene.as_told.ground  # as estimated, as told
+    if scene.ground is not None and space.ground not in known:
+        raise OptionError(
+            "a workspace on another ground", where="workspace.ground",
+            got=space.ground, expected=f"{scene.ground}, that of the scene",
+            next="give Workspace(ground=scene.ground, ...)",
+        )  # fmt: skip
+    most = 0.0 if radius is None else float(np.max(radius))
+    if most > space.finger_radius:
+        raise OptionError(
+            "a workspace of smaller fingertips", where="workspace.finger_radius",
+            got=f"{space.finger_radius} m", expected=f"at least {most} m, the largest",
+            next=f"give Workspace(finger_radius={most}, ...): lines end above the "
+            "ground and apart from each other by it",
+        )  # fmt: skip
 
 
 def check_predictable(scene, shape) -> None:

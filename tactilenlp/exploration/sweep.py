@@ -45,15 +45,16 @@ class TouchedWorld(Protocol):
 def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     """Yield motions of the first finger along parallel lines through the workspace.
 
-    centre: (3,) [m], of a square of width 2 radius.  The other fingers are parked
-    outside.
+    centre: (3,) [m], of a square of width 2 radius; by default the world's origin, or
+    its projection onto the ground.  The other fingers are parked outside.
     """
     frame = frame_of(space.ground)
-    centre = np.zeros(3) if centre is None else np.asarray(centre, float)
-    middle = frame.to_ground(centre)
+    middle = frame.to_ground(np.zeros(3) if centre is None else centre)
     height = middle[2]
     if space.ground is not None:
         height = space.finger_radius + space.clearance + SWEEP_LIFT
+        middle[2] = 0.0 if centre is None else max(middle[2], 0.0)
+    parked = parking_places(space, middle, height)
     pieces = int(np.ceil(2 * space.radius / SEGMENT_LENGTH))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
     n = round(space.duration * POINT_RATE) + 1
@@ -67,13 +68,22 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
             line_y, line_z = np.full_like(x, middle[1] + y), np.full_like(x, height)
             way = np.hstack([middle[0] + x, line_y, line_z])
             position = np.repeat(way[:, None], space.fingers, axis=1)
-            for f in range(1, space.fingers):
-                angle = 2 * np.pi * f / space.fingers
-                away = 3 * space.radius * np.r_[np.cos(angle), np.sin(angle), 0.5]
-                position[:, f] = middle + away
+            position[:, 1:] = parked[1:]
             position = frame.from_ground(position)
             if not space.blocked(position):
                 yield Trajectory(share[:, 0] * space.duration, position)
+
+
+def parking_places(space: Workspace, middle: np.ndarray, height: float) -> np.ndarray:
+    """Return places (F, 3) [m] outside a sweep about middle (3,) [m], ground frame.
+
+    height: [m], of the sweep; no place is lower.
+    """
+    angles = 2 * np.pi * np.arange(space.fingers) / space.fingers
+    away = [np.cos(angles), np.sin(angles), np.full(space.fingers, 0.5)]
+    places = middle + 3 * space.radius * np.column_stack(away)
+    places[:, 2] = np.maximum(places[:, 2], height)
+    return places
 
 
 def first_touch(world, space: Workspace, centre, rng):

@@ -12,7 +12,7 @@ from formulations.rigid_body import G
 
 from ..common.brief import printed, same_content
 from ..common.layout import ANY
-from ..common.named import Named
+from ..common.named import Named, read_only
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
 from ..data.ground import frame_of
@@ -131,6 +131,8 @@ class Estimate:
         for name in BY_NAME:
             values = Named(f"estimate.{name}", getattr(self, name))
             object.__setattr__(self, name, values)
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Estimate) and same_content(self, other)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from importlib.resources import files
 from pathlib import Path
@@ -12,11 +13,12 @@ import numpy as np
 from ..common.brief import MM_PER_M
 from ..common.validation import check_path, check_types
 from ..common.whole_file import write_whole
-from ..geometry.faces import face_sigma, has_sides, polygons
+from ..geometry.faces import face_sigma, has_sides, is_hull, polygons
 from ..solvers.solution import violation_in_words
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 from .export import check_format
-from .summary import named_sizes, yaw_of
+from .orientation import is_level, sigma_of_yaw, yaw_of
+from .summary import named_sizes
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
@@ -40,7 +42,8 @@ def write_report(estimate, path: str | os.PathLike) -> None:
     check_format(Path(path), (".html", ".htm"))
     template = files("tactilenlp.output").joinpath("report.html")
     page = template.read_text(encoding="utf-8")
-    content = json.dumps(_content(estimate), separators=(",", ":"), allow_nan=False)
+    content = _with_null(_content(estimate))
+    content = json.dumps(content, separators=(",", ":"), allow_nan=False)
     # No text of an estimate may open or close a tag.
     page = page.replace("{{DATA}}", content.replace("<", "\\u003c"))
     write_whole(path, page)
@@ -75,7 +78,7 @@ def _content(estimate) -> dict:
         "arrow": ARROW_SHARE * reach / most if most > 0 else 0.0,
         "ramp": [BLUE, PALE, RED],
         "sigma": _sigma(estimate),
-        "costs": sorted(estimate.costs.items(), key=lambda cost: -abs(cost[1])),
+        "costs": sorted(estimate.costs.items(), key=_descending),
         "objective": f"{estimate.objective:.2f} nats",
         "remarks": estimate.remarks,
         "fit": _fit(estimate.fit),
@@ -99,7 +102,22 @@ def _finger(estimate, f: int) -> dict:
 
 def _plain(values, digits: int = 5) -> list:
     """Return lists of rounded numbers, a third of the size of the exact ones."""
-    return np.round(np.nan_to_num(np.asarray(values, float)), digits).tolist()
+    return np.round(np.asarray(values, float), digits).tolist()
+
+
+def _with_null(content):
+    """Return the content with None, null in JSON, for numbers that are not finite."""
+    if isinstance(content, dict):
+        return {name: _with_null(value) for name, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_with_null(value) for value in content]
+    number = isinstance(content, float)
+    return None if number and not math.isfinite(content) else content
+
+
+def _descending(cost: tuple[str, float]) -> float:
+    """Return the key that sorts costs by size, those first that are not finite."""
+    return -abs(cost[1]) if math.isfinite(cost[1]) else -math.inf
 
 
 def _frame(estimate) -> tuple[np.ndarray, float]:
@@ -156,7 +174,8 @@ def _sigma(estimate) -> list[list[str]]:
     where = {"position": estimate.position[-1]}
     if has_sides(estimate):
         where["side_lengths"] = estimate.theta
-    if estimate.reductions["planar"]:  # else no axis is told apart from the others
+    planar = estimate.reductions["planar"]  # else all axes of rotation are alike
+    if planar and is_level(estimate):
         where["rotation"] = np.array([0.0, 0.0, yaw_of(estimate)])
     if not {"side_lengths", "vertices"} & {*information.maps}:
         rows += [[*size] for size in named_sizes(estimate)]
@@ -173,6 +192,10 @@ def _sigma(estimate) -> list[list[str]]:
             rows.append([f"{quantity} {axis}", words])
         if causes := _largest_errors(information, name):
             rows.append([f"largest error: {causes}", ""])  # the first cell wraps
+    if planar and not is_level(estimate) and not is_hull(estimate):
+        turn, sigma = np.degrees([yaw_of(estimate), sigma_of_yaw(estimate)])
+        words = f"{turn:.2f} ± {sigma:.2f} deg"
+        rows.append(["rotation about the ground's normal", words])
     return rows
 
 

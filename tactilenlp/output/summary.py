@@ -19,11 +19,11 @@ from formulations.shape import CUBOID
 from ..common.brief import MM_PER_M, MS_PER_S
 from ..geometry.faces import has_sides, is_hull
 from ..solvers.solution import violation_in_words
+from .orientation import orientation_of
 
 WORTH_TELLING = 0.9  # [-] probability of what is told of a quantity taken as given
 MIN_WEIGHT = 0.02  # [-] optima of less weight are not listed one by one
 LEAST_SHARE = 1e-3  # [-] of evidence that is told in digits
-UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
 
 
 def summary_of(estimate) -> str:
@@ -161,24 +161,6 @@ def _unit_of(name: str) -> tuple[str, float, str]:
     if bracket:
         return word, 1.0, unit[:-1]
     return (word, 180 / np.pi, "deg") if "rotation" in word else (word, MM_PER_M, "mm")
-
-
-def yaw_of(estimate) -> float:
-    """Return the turn about the vertical at the last sample [rad]."""
-    w, x, y, z = estimate.quaternion[-1]
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-
-
-def orientation_of(estimate) -> str:
-    """Return the orientation at the last sample, with its standard deviation."""
-    yaw = np.degrees(yaw_of(estimate))
-    off = np.degrees(estimate.information.sigma("rotation"))
-    off = off[2] if estimate.reductions["planar"] else np.nanmax(off)
-    if is_hull(estimate):  # it has no axes of its own
-        return "with the axes of the world"
-    if off > UNOBSERVED_TURN:
-        return "orientation not observed"
-    return f"turned by {yaw:.2f} ± {off:.2f} deg about the vertical"
 
 
 def classes_in_words(classes) -> str:

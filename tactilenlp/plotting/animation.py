@@ -43,10 +43,10 @@ def animate(
 
     view: "scene" (3-D) or "top".  truth: as in plot_scene.  every: [1] samples from one
     frame to the next; rate: [1/s] frames per second; axis: to draw into, 3-D for
-    "scene".  Raises OptionError for another suffix or view, or without ffmpeg.
+    "scene".  Raises OptionError for another suffix, view or truth, or without ffmpeg.
     """
     check_types(estimate=(estimate, Estimate))
-    writer = _writer_of(path, view, every, rate, truth)
+    writer = _writer_of(path, view, every, rate, truth, len(estimate.position))
     solid, alone = {"projection": "3d"} if view == "scene" else {}, axis is None
     with plt.rc_context(STYLE | {"figure.dpi": 100}):
         axis = one_axis(axis, 4.6, 4.4, **solid)
@@ -85,7 +85,7 @@ def _renew_key(axis) -> None:
     with_key(axis.figure, axis, loc="outside lower center", ncols=2)
 
 
-def _writer_of(path, view: str, every: int, rate: float, truth) -> type:
+def _writer_of(path, view: str, every: int, rate: float, truth, samples) -> type:
     """Return the writer of a path's format; OptionError for bad arguments."""
     check_path(path)
     check_numbers("frames per second above 0", rate=(rate, 0, np.inf))
@@ -100,5 +100,5 @@ def _writer_of(path, view: str, every: int, rate: float, truth) -> type:
         )  # fmt: skip
     check_whole("every", every, 1, np.inf)
     if truth is not None:
-        true_corners(truth, 0)
+        true_corners(truth, 0, samples)
     return writer

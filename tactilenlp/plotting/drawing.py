@@ -7,10 +7,12 @@ import numpy as np
 import trimesh
 from matplotlib.colors import LightSource
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from ..common.brief import MM_PER_M
+from ..common.validation import checked_array, checked_unit, numbers_of
+from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import OptionError
 from ..evaluation.metrics import TrueBody
 from ..geometry.transforms import rotation_of
@@ -53,7 +55,7 @@ def draw_top(axis, estimate, sample, truth, view) -> None:
         axis.errorbar(x, y, off_y, off_x, color=INK, lw=1, capsize=2, zorder=6,
                       label=POSITION_LABEL)  # fmt: skip
     if truth is not None:
-        true = outline(true_corners(truth, sample))
+        true = outline(true_corners(truth, sample, data.samples))
         axis.plot(*true.T, "--", color=TRUTH_COLOUR, lw=1.3, zorder=6, label="truth")
     during = data.action == data.action[sample]
     contacts = contacts_on_body(estimate, sample)
@@ -85,7 +87,7 @@ def draw_scene(axis, estimate, sample, truth, view) -> None:
         outer, colour = faces_of_hull(spread[0]), BAND_COLOUR
         draw_seen(axis, outer, (colour, 0.12), colour, 5, label=SIGMA_LABEL)
     if truth is not None:
-        true = faces_of_hull(true_corners(truth, sample))
+        true = faces_of_hull(true_corners(truth, sample, data.samples))
         draw_seen(axis, true, "none", TRUTH_COLOUR, 6, ls="--", label="truth")
     contacts = contacts_on_body(estimate, sample)
     for finger, (colour, points, normals, _) in enumerate(contacts):
@@ -128,13 +130,20 @@ def set_up(axis, estimate, view) -> None:
     axis.view_init(ELEVATION, AZIMUTH)
     axis.computed_zorder = False  # matplotlib's own order draws near things below
     if estimate.scene.ground is not None:
-        step = GRID_SPACING_MM
-        (x0, y0, _), (x1, y1, _) = np.round(view / step) * step
-        flat = np.mgrid[x0 : x1 + 1 : step, y0 : y1 + 1 : step, 0:1] / MM_PER_M
-        flat = flat[..., 0].transpose(1, 2, 0)
-        lines = MM_PER_M * estimate.scene.ground.from_ground(flat)
-        axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
-                            color="#D0D0D0", zorder=0)  # fmt: skip
+        _draw_ground(axis, estimate.scene.ground, view)
+
+
+def _draw_ground(axis, ground, view) -> None:
+    """Draw a grid on the ground, below the box `view` (2, 3) [mm]."""
+    step = GRID_SPACING_MM
+    middle = MM_PER_M * ground.to_ground(view.mean(axis=0) / MM_PER_M)
+    reach = abs(ground.rotation) @ np.ptp(view, axis=0) / 2  # along the ground's axes
+    ends = np.stack([middle - reach, middle + reach])
+    (x0, y0, _), (x1, y1, _) = np.round(ends / step) * step
+    flat = np.mgrid[x0 : x1 + 1 : step, y0 : y1 + 1 : step, 0:1] / MM_PER_M
+    lines = MM_PER_M * ground.from_ground(flat[..., 0].transpose(1, 2, 0))
+    axis.plot_wireframe(*lines.transpose(2, 0, 1), rstride=1, cstride=1, lw=0.5,
+                        color="#D0D0D0", zorder=0)  # fmt: skip
 
 
 def draw_seen(axis, faces, colour, edge, order, **style) -> None:
@@ -157,10 +166,11 @@ def outline(corners) -> np.ndarray:
     return corners[np.append(ring, ring[0]), :2]
 
 
-def true_corners(truth, sample) -> np.ndarray:
-    """Return the corners (n, 3) [mm] of the true body at a sample, world frame.
+def true_corners(truth, sample: int, samples: int) -> np.ndarray:
+    """Return the corners (n, 3) [mm] of the true body at one of the samples, world.
 
-    truth: a TrueBody, or arrays by name.
+    truth: a TrueBody, or arrays by name, with one pose or as many as samples.  Raises
+    OptionError of others, and where the body has no volume.
     """
     if isinstance(truth, TrueBody):
         return MM_PER_M * truth.mesh.vertices
@@ -172,13 +182,44 @@ def true_corners(truth, sample) -> np.ndarray:
             "cannot be drawn", where="truth", got=f"{sorted(truth)}",
             expected="a TrueBody, or position, quaternion and side_lengths or vertices",
         )  # fmt: skip
-    p_wo, quaternion = (np.atleast_2d(truth[k]) for k in ("position", "quaternion"))
-    now = sample if len(p_wo) > 1 else 0
-    corners = truth.get("vertices")
-    if corners is None:
-        corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
-        corners = corners * truth["side_lengths"]
-    return MM_PER_M * (rotation_of(quaternion[now]).apply(corners) + p_wo[now])
+    p_wo, wxyz = (
+        _row_of(f"truth.{name}", truth[name], width, sample, samples)
+        for name, width in (("position", 3), ("quaternion", 4))
+    )
+    p_wo = checked_array("truth.position", p_wo, 3, unit="[m]")
+    fix = "give wxyz, divided by its length"
+    unit = 4, QUATERNION_TOLERANCE, OptionError, fix
+    turn = rotation_of(checked_unit("truth.quaternion", wxyz, *unit))
+    return MM_PER_M * (turn.apply(_corners_of(truth)) + p_wo)
+
+
+def _row_of(where: str, value, width: int, sample: int, samples: int) -> np.ndarray:
+    """Return the row (width,) at a sample, of one row or of as many as samples."""
+    rows = numbers_of(where, value, OptionError, ..., width)
+    if rows.shape not in ((width,), (1, width), (samples, width)):
+        raise OptionError(
+            "wrong number of samples", where=where, got=f"shape {rows.shape}",
+            expected=f"({width},), or ({samples}, {width}) as in the estimate",
+            next="select the samples of the estimate",
+        )  # fmt: skip
+    return np.broadcast_to(rows, (samples, width))[sample]
+
+
+def _corners_of(truth: dict) -> np.ndarray:
+    """Return the corners (n, 3) [m] of a true body in its frame."""
+    if "vertices" in truth:
+        where = "truth.vertices"
+        corners = checked_array(where, truth["vertices"], "V", 3, unit="[m]")
+        try:
+            return corners[ConvexHull(corners).vertices]
+        except (QhullError, ValueError) as bad:
+            raise OptionError(
+                "the body has no volume", where=where, got=f"shape {corners.shape}",
+                expected="vertices (V, 3) [m] that are not in a plane",
+            ) from bad  # fmt: skip
+    where, of = "truth.side_lengths", {"unit": "[m]", "positive": True}
+    sides = numbers_of(where, truth["side_lengths"], OptionError, 3, **of)
+    return (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * sides
 
 
 def contacts_on_body(estimate, sample):
@@ -208,7 +249,9 @@ def view_of(estimate, samples) -> np.ndarray:
     """
     meshes = [estimate.mesh(sample) for sample in samples]
     points = np.concatenate([mesh.vertices for mesh in meshes]) * MM_PER_M
-    below = SCENE_MARGINS * (1, 1, estimate.scene.ground is None)
+    ground = estimate.scene.ground  # below level ground there is nothing to show
+    steep = 1.0 if ground is None else min(1.0, 1.0 - ground.normal[2])
+    below = SCENE_MARGINS * (1, 1, steep)
     view = np.stack([points.min(axis=0) - below, points.max(axis=0) + SCENE_MARGINS])
     tips = estimate.seen_positions[list(samples), :, :2] * MM_PER_M
     room = MM_PER_M * estimate.measurements.finger_radius[:, None] + TIP_MARGIN

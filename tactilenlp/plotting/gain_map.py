@@ -6,6 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from formulations.shape import Shape
+
 from ..common.brief import MM_PER_M
 from ..common.validation import check_types
 from ..exploration.action_search import Choice
@@ -17,15 +19,24 @@ from .style import INK, STYLE, below, check_axes, finger_colour
 TOP_VIEW_MARGIN = 35.0  # [mm] beside the object in the view from above
 LEAST_GAP = 10.0  # [deg] between the directions of two fingers that holds a label
 DIRECTIONS = 33, 17  # directions by azimuth and declination, for each finger
+# [-], [nats]: two gains that differ by less are the same, the latter is half a digit
+SAME_SHARE, SAME_GAIN = 1e-3, 0.05
 
 
 @plt.rc_context(STYLE)
-def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
+def plot_gain(
+    estimate, choice: Choice, axis=None, *, shape: Shape | None = None
+) -> Figure:
     """Draw the expected gain over the directions of each finger, and the chosen action.
 
     The directions of one finger vary while the others keep the chosen ones.  Left: the
     gain by azimuth and declination, hatched where no finger may come from; right: the
-    action from above.  axis: these two Axes, or one for the gain alone.
+    action from above.  axis: these two Axes, or one for the gain alone.  shape: the
+    Shape of the estimate if it is your own.
+
+    All gains of the map are given the measurements so far, of ExpectedInformation.  An
+    action that was chosen by other gains (prior_only, slopes, hypotheses) has another
+    one in its search: then the title tells both.
     """
     check_types(estimate=(estimate, "Estimate"), choice=(choice, Choice))
     if axis is None:
@@ -33,9 +44,10 @@ def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
     sphere, *top = check_axes(axis, 1, 2)
     figure = sphere.figure
     space, fingers = choice.action.workspace, choice.action.workspace.fingers
-    expected = ExpectedInformation(estimate, space)
+    expected = ExpectedInformation(estimate, space, shape=shape)
+    chosen = expected.gain(choice.action)
     gains = [_scan(expected, choice, finger) for finger in range(fingers)]
-    norm = plt.Normalize(0, max(choice.gain, *(g.max() for *_, g in gains)))
+    norm = plt.Normalize(0, max(chosen, *(g.max() for *_, g in gains)))
     for azimuth, declination, gain in gains:
         area = sphere.pcolormesh(
             np.degrees(azimuth), np.degrees(declination), gain, norm=norm,
@@ -43,16 +55,29 @@ def plot_gain(estimate, choice: Choice, axis=None) -> Figure:
         )  # fmt: skip
     _explain_gaps(sphere, gains)
     figure.colorbar(area, ax=sphere, label="expected information gain [nats]")
-    for finger, (a, b) in enumerate(choice.action.angles.reshape(-1, 2)):
-        azimuth = np.degrees(a + 2 * np.pi * finger / fingers)
-        sphere.plot(azimuth, np.degrees(b), "o", ms=9, mfc="none", mec="w", mew=2)
-        sphere.annotate(f"finger {finger}", (azimuth, np.degrees(b)), (0, 9), c="w",
-                        textcoords="offset points", ha="center")  # fmt: skip
+    _mark_directions(sphere, choice.action)
     sphere.set(xlabel="azimuth [deg]", ylabel="declination [deg]",
-               title=f"Chosen: {choice.gain:.1f} nats")  # fmt: skip
+               title=_gain_in_words(choice.gain, chosen))  # fmt: skip
     for beside in top:
         _draw_lines(beside, estimate, choice.action, expected)
     return figure
+
+
+def _gain_in_words(searched: float, drawn: float) -> str:
+    """Return the gain of the chosen action in its search, and on the map if another."""
+    words = f"Chosen: {searched:.1f} nats"
+    if np.isclose(searched, drawn, rtol=SAME_SHARE, atol=SAME_GAIN):
+        return words
+    return f"{words} in its search, {drawn:.1f} nats on this map"
+
+
+def _mark_directions(sphere, action) -> None:
+    """Draw a circle at the direction of each finger, and label it."""
+    for finger, (a, b) in enumerate(action.angles.reshape(-1, 2)):
+        azimuth = np.degrees(a + 2 * np.pi * finger / action.workspace.fingers)
+        sphere.plot(azimuth, np.degrees(b), "o", ms=9, mfc="none", mec="w", mew=2)
+        sphere.annotate(f"finger {finger}", (azimuth, np.degrees(b)), (0, 9), c="w",
+                        textcoords="offset points", ha="center")  # fmt: skip
 
 
 def _explain_gaps(sphere, gains) -> None:
@@ -86,8 +111,7 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     way = action.positions(expected.target, 31) * MM_PER_M
     now = estimate.mesh().vertices
     motion = expected.prospect(action).motion[-1]
-    turn, centre = planar_matrix(motion[2])[:2, :2], expected.target[:2]
-    then = (now[:, :2] - centre) @ turn.T + centre + motion[:2]
+    then = moved_on_ground(now, estimate.scene.ground, expected.target, motion)
     for points, style, words in (
         (now, "-", "estimate"),
         (then, ":", "expected after it"),
@@ -104,3 +128,14 @@ def _draw_lines(axis, estimate, action, expected) -> None:
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal",
              xlabel="x [mm]", ylabel="y [mm]", title="From above")  # fmt: skip
     axis.legend(**below(axis))
+
+
+def moved_on_ground(points, ground, about, motion) -> np.ndarray:
+    """Return points (n, 3) [m] of a body after a planar motion on a ground.
+
+    motion (3,) [m, m, rad]: along x and y of the ground frame, and the turn about the
+    ground's normal through `about` (3,) [m].  Points are in the world frame.
+    """
+    centre, shift = ground.to_ground(about), np.array([*motion[:2], 0.0])
+    arms = ground.to_ground(points) - centre
+    return ground.from_ground(arms @ planar_matrix(motion[2]).T + centre + shift)

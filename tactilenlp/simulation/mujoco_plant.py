@@ -21,7 +21,8 @@ FINGER_MASS = 0.05  # [kg], a fingertip; the object feels it in impacts only
 SERVO_STIFFNESS = 3125.0  # [N/m] of the servo: a finger alone reaches 250 rad/s
 # Critical for 0.5 kg in front of the finger; with less damping a push is many impacts.
 SERVO_DAMPING = 2 * (SERVO_STIFFNESS * (FINGER_MASS + 0.5)) ** 0.5  # [N s/m]
-PARKING_HEIGHT = 10.0  # [m] of the fingers before the first action: out of reach
+PARKING_HEIGHT = 10.0  # [m] least height of the fingers before the first action
+PARKING_GAP = 1.0  # [m] then: least gap to the object, least distance of two centres
 MAX_OVERLAP = 1e-5  # [m] of a placed finger; a resting object sinks in by 0.1 um
 
 
@@ -72,8 +73,8 @@ class Plant:
         self._data = mujoco.MjData(self.model)
         self._object = self.model.geom("object").id
         self._first = self._object + 1  # the geoms of the fingers follow the object's
-        home = [[f, 0.0, PARKING_HEIGHT] for f in range(len(finger_radius))]
-        self._data.qpos[:] = np.concatenate([pose, np.ravel(home)])
+        top = pose[2] + self.model.geom_rbound[self._object]
+        self._data.qpos[:] = np.concatenate([pose, _parked(top, finger_radius)])
         self._max_force = max_force
         self.steps = 0
 
@@ -202,6 +203,19 @@ def _xml(side_lengths, vertices, mass, friction, finger_radius, ground, contact)
         <default><geom {contact}/></default>{mesh}
         <worldbody>{plane}<body><freejoint/><geom name="object" {geom} mass="{mass}"
             friction="0 0 0"/></body>{fingers}</worldbody></mujoco>"""
+
+
+def _parked(top: float, finger_radius: np.ndarray) -> np.ndarray:
+    """Return the coordinates (3 F,) [m] of fingers that meet neither object nor finger.
+
+    top: [m], height of the object's bounding sphere.  Before the first action the
+    object rests, floats or falls, so that no part of it rises above that height, and
+    the ground is below.
+    """
+    largest = finger_radius.max()
+    z = max(PARKING_HEIGHT, top + largest + PARKING_GAP)
+    spacing = max(PARKING_GAP, 3 * largest)  # surfaces are a radius apart or more
+    return np.ravel([[f * spacing, 0.0, z] for f in range(len(finger_radius))])
 
 
 def _contact(restitution: float) -> str:

@@ -12,6 +12,7 @@ from ..common.validation import check_types
 from ..data.ground import scene_number
 from ..data.measurements import FARTHEST, Measurements
 from ..data.noise_model import Noise, add_noise
+from ..data.scene import GROUND_HEIGHT
 from ..errors import SceneError, typed_call
 from ..evaluation.metrics import TrueBody
 from ..geometry.interpolation import PARKED_MOTION, path_of
@@ -33,7 +34,7 @@ RETURN_TIME = 0.4  # [s] then, back along the path
 REST_TIME = 0.2  # [s] after an action: the object comes to rest
 SAVED = (
     *("side_lengths", "vertices", "mass"),
-    *("friction_ground", "friction_finger", "max_force"),
+    *("friction_ground", "friction_finger", "gravity", "max_force"),
 )
 
 
@@ -215,11 +216,15 @@ class World:
         return TrueBody(mesh, where, turn, self.side_lengths)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write measurements, scene and truth as .npz, in the layout of README.md."""
+        """Write measurements, scene and truth as .npz, in the layout of README.md.
+
+        `Scene.load` reads the scene: ground_height [m] is an empty array for no ground.
+        """
         if self.measurements is None:
             raise SceneError("nothing is recorded", next="execute a trajectory first")
         arrays = vars(self.measurements) | {key: getattr(self, key) for key in SAVED}
         arrays = {key: value for key, value in arrays.items() if value is not None}
+        arrays[GROUND_HEIGHT] = np.array([] if self.ground is None else self.ground)
         for key, value in vars(self.truth).items():
             arrays[key if key.startswith("object_") else f"truth_{key}"] = value
         arrays["final_position"] = self.truth.object_position[-1]
