@@ -46,12 +46,12 @@ class Balance:
         body frame.
         """
         shape, motion = self.fingers.shape, self.fingers.motion
-        theta, x, x_1, dt, w, x_2 = step
+        theta, x, x_1, dt, w, x_2, dt_1 = step
         mass = w / (G * dt)  # data, so that every mass shares this term's function
         body = self.body(shape, theta)
         body = replace(body, centroid=body.centroid + centre)
         poses = [motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
-        linear, angular = momentum_change(body, poses, dt)
+        linear, angular = momentum_change(body, poses, dt, dt_1)
         force = mass * linear + ca.vertcat(0, 0, mass * self.gravity * dt)
         moment = mass * angular
         p_wo, R_wo = poses[0]
@@ -96,13 +96,14 @@ class Dynamics(NamedTuple):
     def steps(self, window):
         """Yield number of pushing fingers, Step and contacts of all steps with so many.
 
-        A Step has the pose two samples before, too.
+        A Step has the pose two samples before, and since when, too.
         """
         for count, group in window.groups.items():
             step, s = window.step, group.steps
             w = None if self.w is None else self.w[s]
             now = steps_of(step, self.theta, self.x, w, s)
-            now = now._replace(x_2=self.x[:, step.before_2[s]])
+            x_2 = self.x[:, step.before_2[s]]
+            now = now._replace(x_2=x_2, dt_1=step.dt_1[s])
             corner, push = window.corner, window.push
             under = [corners_of(corner, self.corners, c) for c in group.corners.T]
             by = [pushes_of(push, self.pushes, j) for j in group.pushes.T]

@@ -44,7 +44,7 @@ class Physics:
 
     def unpredicted(self, step, deviation, *contacts):
         """Return |x_t - f(x_{t-1}, lam_t, r_t)|^2 over 2 deviation^2."""
-        theta, x, x_1, dt, _, x_2 = step
+        theta, x, x_1, dt, _, x_2, _ = step
         poses = (self.motion.pose(self.shape, theta, c) for c in (x, x_1, x_2))
         (p, R), (p_1, R_1), (p_2, R_2) = poses
         force, moment = ca.DM.zeros(3), ca.DM.zeros(3)

@@ -53,7 +53,7 @@ class Step(NamedTuple):
     """What a term reads of a time step: the body theta, its pose x, and x_1 before.
 
     dt [s]; w [N s]: the weight of the body over it; x_2: the pose two samples before,
-    of terms that read a change of momentum.
+    and dt_1 [s] from it to x_1, of terms that read a change of momentum.
     """
 
     theta: object
@@ -62,6 +62,7 @@ class Step(NamedTuple):
     dt: object
     w: object
     x_2: object = None
+    dt_1: object = None
 
 
 def steps_of(step, theta, x, w, s):
@@ -121,16 +122,20 @@ def turn(R_to, R_from):
     return s * (1 + square / 6 + 3 * square * square / 40)
 
 
-def momentum_change(body, poses, dt):
+def momentum_change(body, poses, dt, dt_1=None):
     """Return the change of linear and angular momentum per unit mass over one step.
 
     poses: (p_wo, R_wo) of the body's origin now, one and two samples ago; a body at
-    rest has equal ones.  Returns (3,) [m/s] and (3,) [m^2/s], the latter about the
+    rest has equal ones.  dt, dt_1 [s]: of this step and of the one before, as long
+    where it is not given.  Returns (3,) [m/s] and (3,) [m^2/s], the latter about the
     centroid, world frame.
     """
     (p, R), (p_1, R_1), (p_2, R_2) = ((p + R @ body.centroid, R) for p, R in poses)
-    linear = (p - 2 * p_1 + p_2) / dt
-    angular = R @ body.inertia @ R.T @ turn(R, R_1) - R_1 @ body.inertia @ R_1.T @ turn(
-        R_1, R_2
-    )
-    return linear, angular / dt
+    change = p - 2 * p_1 + p_2
+    before = R_1 @ body.inertia @ R_1.T @ turn(R_1, R_2)
+    spin = R @ body.inertia @ R.T @ turn(R, R_1) - before
+    if dt_1 is not None:  # zero where both steps are as long
+        uneven = 1 - dt / dt_1
+        change += uneven * (p_1 - p_2)
+        spin += uneven * before
+    return change / dt, spin / dt

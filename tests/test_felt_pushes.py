@@ -143,7 +143,7 @@ class Moved:
 def window_of_steps() -> Moved:
     """Return the steps of a window in which every sample has a pose of its own."""
     k = np.arange(1, 12)
-    steps = Steps(k, k, k - 1, np.maximum(k - 2, 0), k / 30, np.zeros((11, 3)))
+    steps = Steps(k, k, k - 1, np.maximum(k - 2, 0), k / 30, k / 30, np.zeros((11, 3)))
     return Moved(steps)
 
 

@@ -202,7 +202,9 @@ def moved(ways, speed=0.0):
     )
     x[0, ends - 2] -= speed / 30
     still = np.zeros((len(ends), 3))
-    gap = Steps(ends, ends, ends - 1, ends - 2, np.full(len(ends), 1 / 30), still)
+    gap = Steps(
+        ends, ends, ends - 1, ends - 2, *[np.full(len(ends), 1 / 30)] * 2, still
+    )
     return x, SimpleNamespace(gap=gap, braking=3.0)
 
 

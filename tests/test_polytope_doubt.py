@@ -65,7 +65,7 @@ def test_a_finger_that_slides_may_have_taken_the_body_along():
         at + np.array([slip, 0, 0]), at, np.array([RADIUS]), np.array([[0, 1, 0]]),
     )  # fmt: skip
     one = np.array([1])
-    step = Steps(one, one, 0 * one, 0 * one, np.ones(1), np.zeros((1, 3)))
+    step = Steps(one, one, 0 * one, 0 * one, np.ones(1), np.ones(1), np.zeros((1, 3)))
     window = SimpleNamespace(push=push, step=step, last=np.arange(2))
     kkt = kkt_system_of(problem, solve(problem))
     assert slips(kkt, window) == pytest.approx(np.array([[slip, 0]]))

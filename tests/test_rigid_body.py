@@ -63,6 +63,20 @@ def test_a_body_in_free_fall_gains_g_dt_and_no_spin():
     np.testing.assert_allclose(angular, 0, atol=1e-15)
 
 
+def test_a_body_that_coasts_gains_nothing_whatever_the_times_of_samples():
+    """Two steps of 1/30 and 3/30 s, of one velocity and one spin."""
+    times, v, spin = np.array([0, 1, 4]) / 30, np.array([0.3, -0.2, 0.1]), 1.5
+    poses = [(v * t, Rotation.from_euler("z", spin * t).as_matrix()) for t in times]
+    x_2, x_1, x = (
+        ca.DM(np.r_[p, Rotation.from_matrix(R).as_rotvec()]) for p, R in poses
+    )
+    body = uniform(CUBOID, ca.DM([0.04, 0.06, 0.05]))
+    found = [FREE.pose(CUBOID, ca.DM([0.04, 0.06, 0.05]), c) for c in (x, x_1, x_2)]
+    linear, angular = momentum_change(body, found, 3 / 30, 1 / 30)
+    np.testing.assert_allclose(np.asarray(linear).ravel(), 0, atol=1e-12)
+    np.testing.assert_allclose(np.asarray(angular).ravel(), 0, atol=1e-9)
+
+
 def test_a_body_that_spins_up_gains_its_inertia_times_the_change_of_speed():
     dt, theta = 1 / 30, np.array([0.04, 0.06, 0.05])
     turns = [0.0, 0.1, 0.25]  # [rad] about z: 3 rad/s, then 4.5 rad/s

@@ -12,7 +12,7 @@ from formulations.rigid_body import G
 
 from ..common.brief import printed, same_content
 from ..common.layout import ANY
-from ..common.named import Named, read_only
+from ..common.named import Named
 from ..common.npz import read_result, write_result
 from ..common.validation import check_sample
 from ..data.ground import frame_of
@@ -131,8 +131,6 @@ class Estimate:
         for name in BY_NAME:
             values = Named(f"estimate.{name}", getattr(self, name))
             object.__setattr__(self, name, values)
-        for name, value in vars(self).items():
-            object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Estimate) and same_content(self, other)
@@ -148,12 +146,12 @@ class Estimate:
                 "only a cuboid has side lengths", where="side_lengths",
                 got=self.shape, next="read estimate.vertices",
             )  # fmt: skip
-        return self.theta
+        return self.theta.copy()
 
     @property
     def vertices(self) -> np.ndarray:
         """Vertices (V, 3) [m], body frame."""
-        return self.body_vertices
+        return self.body_vertices.copy()
 
     @property
     def seen_positions(self) -> np.ndarray:

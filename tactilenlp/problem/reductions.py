@@ -33,6 +33,7 @@ from .window import Corners, Pushes, Rests, Samples, Steps, Window
 
 CLEARLY_FREE = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
+EVEN_STEPS = 1e-6  # [-] by which steps of one length differ, by rounding of times
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
@@ -201,8 +202,9 @@ def _steps(data, scene, pose, first, before, moving) -> Steps:
     samples = np.nonzero(ends_step)[0]
     one = before[samples]
     two = np.where(first[one], one, before[one])
-    dt = data.time[samples] - data.time[one]
-    return Steps(samples, pose[samples], pose[one], pose[two], dt, unmoved(dt))
+    dt, dt_1 = data.time[samples] - data.time[one], data.time[one] - data.time[two]
+    dt_1 = np.where((two == one) | np.isclose(dt_1, dt, EVEN_STEPS), dt, dt_1)
+    return Steps(samples, pose[samples], pose[one], pose[two], dt, dt_1, unmoved(dt))
 
 
 def unmoved(dt) -> np.ndarray:
@@ -222,7 +224,7 @@ def _gaps(data, scene, pose, first) -> Steps:
     dt = np.where(
         early < last, data.time[last] - data.time[early], intervals(data)[last]
     )
-    return Steps(start, pose[start], pose[last], pose[early], dt, unmoved(dt))
+    return Steps(start, pose[start], pose[last], pose[early], dt, dt, unmoved(dt))
 
 
 def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:

@@ -55,6 +55,7 @@ class Samples(Rows):
 class Steps(Rows):
     """Time steps of dt [s]: index of the pose, and of one and two samples before.
 
+    dt_1 [s]: of the step before, dt where there is none, or times are even;
     motion (3,) [m, m, rad]: how the body is predicted to move; zeros: not at all.
     """
 
@@ -63,6 +64,7 @@ class Steps(Rows):
     before: np.ndarray
     before_2: np.ndarray
     dt: np.ndarray
+    dt_1: np.ndarray
     motion: np.ndarray
 
 

@@ -14,10 +14,13 @@ import logging
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from formulations.finger_turn import TURN_SIGMA
 from formulations.names import FINGER_TURN
+from formulations.rigid_body import PLANAR
 
+from ..geometry.transforms import matrices, rotvecs, rotvecs_back
 from ..information.consider_parameters import ground_tilt
 from ..information.mixture import occam_of
 from ..local.local_solve import continuation, warm_started
@@ -63,8 +66,8 @@ def with_ground_for_turns(solves) -> list[Solved]:
     if not job.fixes("level"):
         return solves
     ground = job.scene.ground.turned(_common_turn(best), _below_first_touches(best))
-    aligned = job.with_reductions(aligned=True)
-    leans = continuation(aligned.on_ground(ground), best)
+    moved = _moved_to(ground, best)
+    leans = continuation(moved.job.with_reductions(aligned=True), moved)
     if leans is None or not leans.solution.success:
         return solves
     leans = replace(leans, declined=best.declined)
@@ -121,4 +124,38 @@ def _below_first_touches(solved: Solved):
 
 def _solved_on_ground(ground, solved: Solved) -> Solved:
     """Solve a page again on another ground, from its solution."""
-    return warm_started(solved.job.on_ground(ground), solved)
+    moved = _moved_to(ground, solved)
+    return warm_started(moved.job, moved)
+
+
+def _moved_to(ground, solved: Solved) -> Solved:
+    """Return a solve of a body that lies on another ground as it does on its own.
+
+    The frame of the ground moves with it, the farther the world's origin is from the
+    body: data and poses are in the new one.
+    """
+    job, old = solved.job, solved.job.scene.ground
+    M = ground.rotation @ old.rotation.T
+    yaw = np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])
+    spin = Rotation.from_rotvec([0, 0, yaw])
+    turns = job.shape.of_vertices  # about the last pose, whose axes are the ground's
+
+    def moved(x):
+        height = x[2] if len(x) > len(PLANAR.scale) else np.zeros(x.shape[1])
+        p = ground.to_ground(old.from_ground(np.stack([*x[:2], height], axis=1)))
+        if len(x) == len(PLANAR.scale):
+            return np.vstack([p[:, :2].T, x[2] if turns else x[2] + yaw])
+        R = spin * Rotation.from_matrix(matrices(x))
+        R, vectors = (R * spin.inv(), rotvecs_back) if turns else (R, rotvecs)
+        return np.vstack([p[:, :2].T, height, vectors(R.as_matrix()).T])
+
+    solution, h = solved.solution, solved.hypothesis
+    values = solution.values | {"x": moved(solution.values["x"])}
+    h = replace(h, x=moved(h.x))
+    if turns:
+        values["theta"] = spin.as_matrix() @ values["theta"]
+        h = replace(h, theta=spin.apply(h.theta.reshape(-1, 3)).ravel())
+    return replace(
+        solved, job=job.on_ground(ground), hypothesis=h,
+        solution=replace(solution, values=values),
+    )  # fmt: skip
