@@ -11,7 +11,14 @@ from conftest import TOSSES
 from scipy.spatial.transform import Rotation
 
 from formulations import known_trajectory as page
-from tactilenlp import Ground, Problem, Scene, Trajectories, identify_body
+from tactilenlp import (
+    Ground,
+    Problem,
+    Scene,
+    Trajectories,
+    example_recording,
+    identify_body,
+)
 from tactilenlp.errors import (
     MeasurementError,
     MotionError,
@@ -241,3 +248,13 @@ def test_the_fit_of_real_tosses_is_good_and_said(cube):
     assert cube.fit.verdict == "good"
     assert cube.fit.widening == 1.0
     assert "The fit is good" in cube.summary()
+
+
+def test_trajectories_do_not_change_with_the_arrays_they_were_made_of():
+    told = Trajectories.load(example_recording("tosses"))
+    toss, position = told.toss.copy(), told.position.copy()
+    rest = {"quaternion": told.quaternion, "dt": told.dt}
+    kept = Trajectories(toss=toss, position=position, **rest)
+    toss[:], position[:] = 0, 0.0
+    assert np.array_equal(kept.tosses, told.tosses)
+    assert np.array_equal(kept.position, told.position)

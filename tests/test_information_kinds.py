@@ -8,16 +8,20 @@ import numpy as np
 import pytest
 
 from formulations.level import Level
+from formulations.names import FINGER_OFFSET
 from formulations.shape import CUBOID
 from tactilenlp import (
+    Noise,
     assumption_sensitivity,
     extend,
     information_gain,
     observed_information,
     solve_estimate,
 )
+from tactilenlp.data.noise_model import add_noise
 from tactilenlp.errors import OptionError
 from tactilenlp.estimation.observed_information import INFORMATION_KINDS
+from tactilenlp.estimation.programme import programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 from tactilenlp.interface.result import solution_of
 from tactilenlp.output.summary import optima_in_words
@@ -134,3 +138,40 @@ def test_no_more_unknowns_count_than_there_are():
     assert information_gain(known, told, 2) == information_gain(known, told)
     with pytest.raises(OptionError, match="of the 2 unknowns"):
         information_gain(known, told, 3)
+
+
+@pytest.mark.slow
+def test_the_papers_information_is_of_fingers_where_they_are_estimated(recorded):
+    """Fingers told 4 mm off: as exact ones without offsets, but for their prior."""
+    data, scene, _ = recorded
+    data = data.select([0, 1, 2, 3])
+    off = np.array([[[4e-3, -2e-3, 0.0], [-3e-3, 3e-3, 1e-3]]])
+    told = replace(data, finger_position=data.finger_position + off)
+    estimate = solve_estimate(told, replace(scene, sigma_offset=3e-3), throw=False)
+    at = programme_at(estimate)
+    e_f = at.solution.values[FINGER_OFFSET].T
+
+    def displaced(rows, p_wf):
+        return p_wf + e_f[rows.finger]
+
+    found = paper(at.problem, at.solution, at.window)
+    none = {k: v for k, v in at.solution.values.items() if k != FINGER_OFFSET}
+    moved = replace(at.solution, values=none), at.window.with_fingers(displaced)
+    assert found == pytest.approx(paper(at.problem, *moved), rel=1e-9)
+    assert found != pytest.approx(paper(at.problem, moved[0], at.window), rel=0.05)
+
+
+@pytest.mark.slow
+def test_sigma_does_not_depend_on_where_the_origin_of_the_world_is(recorded):
+    data, scene, _ = recorded
+    data = add_noise(data.select([0, 1]), Noise(position=5e-4, normal=0.03, seed=1))
+    told = replace(scene, sigma_position=None, sigma_normal=None)
+    near, far = (
+        solve_estimate(data.transformed(np.eye(3), np.array(t)), told, throw=False)
+        for t in ([0.0, 0, 0], [9000.0, 9000.0, 0])
+    )
+    assert far.objective == pytest.approx(near.objective, abs=1e-3)
+    sigmas = np.array([e.information.sigma("side_lengths") for e in (near, far)])
+    assert sigmas[1] == pytest.approx(sigmas[0], rel=0.02)
+    paths = np.array([e.sigma_position for e in (near, far)])
+    assert paths[1] == pytest.approx(paths[0], rel=0.02)

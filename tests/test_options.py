@@ -7,6 +7,7 @@ import pytest
 
 from tactilenlp import Options, Reductions
 from tactilenlp.errors import OptionError
+from tactilenlp.interface.request import checked_request
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -71,3 +72,13 @@ def test_reduce_false_makes_no_reductions():
 def test_wrong_choices_of_reductions_are_refused(given, words):
     with pytest.raises(OptionError, match=words):
         Options(**given)
+
+
+def test_a_reduction_that_a_page_states_cannot_be_left_out_and_that_is_said(
+    recorded, caplog
+):
+    """Its motion is flat by its equations, whatever is asked for."""
+    _, scene, _ = recorded
+    asked = {"formulation": "multiple_shooting", "options": Options(without="planar")}
+    checked_request(scene, "cuboid", executor=None, **asked)
+    assert "states planar" in caplog.text

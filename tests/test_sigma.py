@@ -264,3 +264,13 @@ def test_what_keeps_the_matrix_regular_counts_as_a_prior(programme, kkt, monkeyp
     more = summed(errors_by_name(at)) - errors
     scaled = by_gradient / programme.problem.scale[:, None]
     assert np.allclose(more, scaled.T @ scaled, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rows", [3, 6])
+def test_a_size_that_is_no_width_moves_no_pose(rows):
+    """A shape of one's own may have more sizes than the body has axes."""
+    x = np.linspace(0.1, 0.5, 4 * rows).reshape(rows, 4)
+    before = Hypothesis(np.array([0.05, 0.04, 0.03, 0.002]), x, 0.0, ())
+    after = resized(before, 3, 0.004, (0, 0))
+    assert after.theta.tolist() == [0.05, 0.04, 0.03, 0.004]
+    assert np.array_equal(after.x, x)

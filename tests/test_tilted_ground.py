@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from formulations.shape import CUBOID
-from tactilenlp import Estimate, Ground, Guess, Scene, solve_estimate
+from tactilenlp import Estimate, Ground, Guess, Options, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.information.goodness_of_fit import Misfit
 from tactilenlp.interface.request import first_guess
@@ -123,3 +123,23 @@ def test_a_guess_of_the_world_is_one_of_the_ground_that_leans():
         h = first_guess(guess, CUBOID, ground)
         assert h.theta.tolist() == [0.05, 0.04, 0.04]
         assert h.x[:, 0] == pytest.approx([0.1, 0.3, 0.2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.866025403784, 0.5)])
+def test_a_lean_is_found_however_far_away_the_origin_of_the_world_is(
+    estimates, recorded, normal
+):
+    """A table 0.8 m above the origin, level as told or steep: its frame is far away."""
+    data, scene, _ = recorded
+    table = Ground(0.8, normal)
+    moved = leaning(data.select([0, 1, 2]))
+    moved = moved.transformed(table.rotation.T, table.origin)
+    given = Options(check_mistakes=False)
+    high = solve_estimate(moved, replace(scene, ground=table), options=given)
+    low = estimates[2]
+    assert high.objective == pytest.approx(low.objective, abs=0.01)
+    assert high.side_lengths == pytest.approx(low.side_lengths, abs=1e-5)
+    tilts = [np.linalg.norm(e.scene.ground.tilt) for e in (high, low)]
+    assert tilts[0] == pytest.approx(tilts[1], abs=1e-4)
+    assert tilts[0] > 0.01

@@ -9,7 +9,7 @@ reported r later than positions are those of fingers, and of a body, r earlier.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,6 +20,7 @@ LONG_PAUSE = 3.0  # [sample intervals] a longer one ends a run of samples
 EVEN = 0.05  # [sample intervals] times that are off an even grid by less are on it
 SMOOTHING_WINDOW = 9  # samples of the local parabola (0.3 s at 30 Hz)
 LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
+SMOOTHERS = 64  # [1] smoothing matrices kept, of actions with other times
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
 CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
 LATENCY = 20e-3  # [s] deviation of the latency: tactile cameras are up to 40 ms late
@@ -157,7 +158,7 @@ def smoothing_matrices(data: Measurements, precision: Precision):
         yield rows, local_parabolas(tuple(grid if even else times), window)
 
 
-@cache
+@lru_cache(SMOOTHERS)
 def local_parabolas(times: tuple, window: int) -> np.ndarray:
     """Return the matrix (n, n) whose rows are values of parabolas fitted to `window`.
 

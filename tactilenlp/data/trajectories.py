@@ -63,8 +63,9 @@ class Trajectories:
         _check(together, "toss", "samples of one toss in a row", got)
         enough, words = counts.min() >= LEAST_SAMPLES, f"{LEAST_SAMPLES} samples a toss"
         _check(enough, "toss", f"{words} at least", f"{counts.min()} samples")
-        values = toss, position, quaternion / length[:, None], float(dt)
-        for name, value in zip(TRAJECTORY_KEYS, values, strict=True):
+        quaternion = quaternion / length[:, None]
+        arrays = [np.array(a) for a in (toss, position, quaternion)]  # copies
+        for name, value in zip(TRAJECTORY_KEYS, (*arrays, float(dt)), strict=True):
             object.__setattr__(self, name, value)
 
     @classmethod

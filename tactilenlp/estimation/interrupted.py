@@ -15,6 +15,7 @@ from ..interface.result import Estimate
 from ..local.local_solve import evaluated_at, in_motion_of, solved_from
 from ..local.solved import Solved, Solves
 from ..problem.pages import name_of, page_of
+from ..problem.reductions import states_planar_motion
 from ..refinement.axis_names import with_named_axes
 from ..solvers.solution import not_converged
 
@@ -106,13 +107,16 @@ def raise_unless_good(estimate, solved) -> None:
         check_explained(solved, estimate)
     tilted = [s for s in estimate.skipped if s.name == "planar" and not s.holds]
     if tilted:
+        free = "let it tilt by Options(without='planar')"
+        if states_planar_motion(solved.job.page):
+            free = "let it tilt by formulation='violation_implicit'"
         raise MotionError(
             "the object did not only slide",
             where="touch",
             got=f"{min(tilted[0].value, 1.0):.0%} of an action's touches not explained",
             expected=f"at most {tilted[0].limit:.0%} by an object that lies flat",
             next="the object may have tilted or tumbled: select the actions before it "
-            "did, let it tilt by Options(without='planar'), or pass throw=False",
+            f"did, {free}, or pass throw=False",
             problem=solved.problem.describe(),
             solution=solved.solution,
             estimate=estimate,

@@ -35,7 +35,7 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 
 from formulations import exploration
-from formulations.names import FINGER, GROUND, NORMAL_SCALE
+from formulations.names import FINGER, FINGER_OFFSET, GROUND, NORMAL_SCALE
 
 from ..common.validation import as_floats, check_one_of, check_whole
 from ..errors import OptionError, TactileError
@@ -175,7 +175,10 @@ def sum_of_samples(problem, solution, window, by_last, by_theta=None):
         if not (count := len(samples)):
             continue
         z = np.vstack([np.repeat(theta, count, axis=1), x[:, samples.pose]])
-        inputs = z, samples.p_wf.T, samples.radius[None], felt
+        p_wf = samples.p_wf.copy()
+        if (offset := solution.values.get(FINGER_OFFSET)) is not None:
+            p_wf[:, :3] += offset.T[samples.finger]
+        inputs = z, p_wf.T, samples.radius[None], felt
         F = information.map(count)(*inputs, [alpha, np.inf, sigma_n]).full()
         F = F.reshape(len(F), count, -1)[:k, :, :k]
         to_last = np.tile(np.eye(k), (count, 1, 1))

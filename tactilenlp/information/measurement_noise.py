@@ -39,8 +39,8 @@ from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
 from ..problem.job import Job
 
-DATUM_STEP = 1e-6  # [-] of a datum, at least of LEAST_DATUM: of the central differences
-LEAST_DATUM = 1e-2  # [SI]
+DATUM_STEP = 1e-6  # [-] of a datum within DATA: of the central differences
+DATA = 1e-2, 1.0  # [SI]: far from the world's origin touches curve as near to it
 CODE = 1e-6  # [m] times a measurement's number: shifts that tell them apart
 WHOLE_NUMBER = 1e-2  # [-] how far a decoded number may lie from a whole one
 CONTRADICTION = 2.0  # [touch scale] the gap of a whole touch beyond this is no noise
@@ -127,7 +127,7 @@ def _differences(kkt: KKTSystem, name: str, columns: Iterable[int]):
     value = np.zeros((term.instances, function.rows, len(d)))
     for j in columns:
         step = np.zeros_like(d)
-        step[j] = DATUM_STEP * np.maximum(np.abs(d[j]), LEAST_DATUM)
+        step[j] = DATUM_STEP * np.clip(np.abs(d[j]), *DATA)
         (v, s), (v_1, s_1) = (first(z, d + side * step) for side in (1, -1))
         bend = (s - s_1) / (2 * step[j]) * weight.T[rows]
         np.add.at(slope[:, :, j].T, places, bend)

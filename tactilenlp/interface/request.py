@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from formulations.page_contract import contract_of
 
 from ..common.deadline import Deadline
 from ..common.validation import check_types
@@ -33,6 +36,7 @@ from .checks import check_executor, check_page, check_touched
 from .result import Estimate
 from .session import Guess, Session
 
+log = logging.getLogger("tactilenlp")
 # [s] of the information, and of a long limit: 3 to 9 s with 3000 samples
 READOUT_TIME, READOUT_SHARE, MOST_READOUT_TIME = 2.0, 0.15, 10.0
 
@@ -120,6 +124,10 @@ def checked_request(scene, shape, formulation, options, executor) -> tuple:
         shape = replace(shape, counts=())
     page = page_of(formulation, shape)
     check_page(page, shape, scene)
+    stated = [n for n in options.without if contract_of(page).reductions.get(n)]
+    if stated:
+        log.warning("the page %s states %s: Options(without=...) does not change that",
+                    name_of(page), ", ".join(stated))  # fmt: skip
     check_executor(executor, shape)
     if shape.of_vertices:
         check_round(scene)

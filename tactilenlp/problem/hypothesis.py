@@ -83,12 +83,15 @@ def resized(hypothesis, axis: int, size: float, touched):
     """Return a hypothesis of another size [m], its touched face kept in place.
 
     touched (2,): samples on the face at the lower and at the upper end of the axis.
-    A change of the height (axis 2) does not change a planar pose.
+    A change of the height (axis 2) does not change a planar pose; one of a size that is
+    no width along an axis (axis 3 and on) changes no pose.
     """
     theta, x = hypothesis.theta.copy(), hypothesis.x.copy()
     low, high = np.asarray(touched) >= KNOWN_FACE
     way = (size - theta[axis]) / 2 * (int(low) - int(high))
     theta[axis] = size
+    if axis > 2:
+        return replace(hypothesis, theta=theta)
     if not is_planar(x):
         x[:3] += way * matrices(x)[:, :, axis].T
     elif axis < 2:
