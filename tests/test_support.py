@@ -1,14 +1,17 @@
 """Where the ground carries a pushed body, and which pushes are expected to tip it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from believed import SPACE, VAGUELY, actions, believed, informed, known
 from conftest import benchmark
 from scipy.spatial.transform import Rotation
 
-from formulations.shape import cuboid_mesh
+from formulations.shape import CUBOID, cuboid_mesh
 from tactilenlp import ExpectedInformation
 from tactilenlp.geometry.support import Standing, settling
+from tactilenlp.tracking.standing import standing_of
 
 SIDES = np.array([0.06, 0.04, 0.03])
 CORNERS = np.array(cuboid_mesh(SIDES)) + np.diag(SIDES)[2] / 2
@@ -145,3 +148,13 @@ def test_the_study_of_pushes_sees_solids_and_tall_boxes_tip(pushes):
     rows = [pushes.compared(2, 8.0, kind) for kind in ("tall", "solid")]
     assert all(np.isfinite(row["margin"]) for row in rows)
     assert "of 1 tip" in pushes.said(rows, 8.0)
+
+
+def test_a_shape_without_a_mesh_stands_on_its_corners():
+    """Rays, by which its surface is sampled, miss them."""
+    own = replace(CUBOID, name="own", mesh=None)
+    at = np.array([0.03, 0.03, 0.12, 0.0, 0.0, 0.0])
+    for shape in (CUBOID, own):
+        body = standing_of(shape, at, np.eye(6), np.zeros(3))
+        margin, _ = body.margin(np.zeros((1, 3)), np.zeros((1, 6)), WEIGHT)
+        assert margin[0] == pytest.approx(0.015, rel=2e-3)

@@ -11,10 +11,8 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag, eigh
-from scipy.spatial.transform import Rotation
 
 from formulations import between_actions
 from formulations.finger import SPHERE
@@ -24,7 +22,6 @@ from formulations.rigid_body import ARM, FREE, PLANAR
 from formulations.violation_implicit import NORMAL, TOUCH
 
 from ..data.contact_segments import intervals
-from ..geometry.support import Standing, settling
 from ..information.comparisons import sample_information
 from ..information.error_budget_terms import REACHED
 from ..information.tangent_space import rotations, tangent_of, widest_deviations
@@ -32,7 +29,7 @@ from ..information.trajectory import prior_of_offsets
 from ..local.comparison import distinct
 from ..problem.hypothesis import Hypothesis
 from ..problem.poses import rotations_on_ground
-from ..tracking.surface import body_surface
+from ..tracking.standing import lying
 
 log = logging.getLogger("tactilenlp")
 POSE_PRIOR_SIGMA = REACHED, 3.0  # [m], [rad] of a pose before any touch
@@ -43,7 +40,6 @@ ROUNDED_TO_ZERO = 1e-14  # [-] least eigenvalue of a correlation over its larges
 # (Mindlin, 1949): the turn of a felt normal, of indentation over radius; uniform.
 SHEAR_TURN = 0.75 / 3**0.5  # [-]
 INDENTATION_ERROR = 0.5  # [-] of a predicted one: push and compliance are 30 % off each
-SLOPE_STEP = 1e-6  # [m], [rad] of the differences by which vertices move with unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,43 +95,6 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
         )
         for b in beliefs
     ]  # fmt: skip
-
-
-def pose_of(shape, z) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a body z (theta, pose) is: its origin (3,) [m], rotation (3, 3)."""
-    theta, x = np.split(z, [shape.theta])
-    motion = FREE if len(x) > len(PLANAR.scale) else PLANAR
-    p, R = (ca.DM(v).full() for v in motion.pose(shape, ca.DM(theta), ca.DM(x)))
-    return p[:, 0], R
-
-
-def lying(shape, z) -> np.ndarray:
-    """Return a body of a free pose, z (theta, pose), as it lies once it is let go."""
-    p, R = pose_of(shape, z)
-    turn, p = settling(body_surface(shape, z[: shape.theta]) @ R.T, p)
-    turned = Rotation.from_matrix(turn @ R).as_rotvec()
-    return np.r_[z[: shape.theta], p, turned]
-
-
-def standing_of(shape, belief: Belief, centre) -> Standing:
-    """Return a belief of sizes and pose as a body that stands on the ground.
-
-    centre (3,) [m]: of mass, from the centroid, body frame.
-    """
-    (theta, x), n = np.split(belief.z, [shape.theta]), shape.theta
-    p, R = pose_of(shape, belief.z)
-    body = body_surface(shape, theta)
-    slopes = np.zeros((len(body), 3, len(belief.z)))
-    for i, step in enumerate(SLOPE_STEP * np.eye(n)):
-        ends = (body_surface(shape, theta + d) for d in (step, -step))
-        slopes[:, :, i] = np.subtract(*ends) @ R.T / (2 * SLOPE_STEP)
-    for i, step in enumerate(SLOPE_STEP * np.eye(len(x)), n):
-        _, more = pose_of(shape, np.r_[theta, x + step])
-        _, less = pose_of(shape, np.r_[theta, x - step])
-        slopes[:, :, i] = body @ (more - less).T / (2 * SLOPE_STEP)
-    k = len(belief.z)
-    known = np.linalg.inv(belief.information)[:k, :k]
-    return Standing(body @ R.T, p, (R @ centre)[:2], slopes[:, :2], known)
 
 
 def has_free_poses(estimate, shape) -> bool:

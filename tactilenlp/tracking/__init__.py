@@ -12,4 +12,5 @@ In: starts of bodies, measurements, scene.  Out: smoothed trajectories, with evi
 - `tracking`: prediction and correction by an iterated extended Kalman filter; backward
   the smoother of Rauch, Tung and Striebel
 - `surface`: points of the surface, and supports by which bodies are compared
+- `standing`: a body as it stands on the ground, as it lies once it is let go
 """
