@@ -212,3 +212,18 @@ def test_a_prior_of_each_side_of_a_box_may_name_the_shorter_one_first(recorded):
     found = solve_estimate(data, scene, shape=shape)
     assert found.side_lengths == pytest.approx(told, abs=0.3e-3)
     assert found.costs["size prior"] < 1
+
+
+def test_a_recursion_is_a_term_that_can_be_replaced_as_any(two):
+    """What `follow` states is listed, and edited by its name."""
+    page, stated = "multiple_shooting", []
+
+    def still(theta, x_1, *others):
+        stated.append(x_1)
+        return x_1
+
+    (name,) = (
+        n for n in problem_of(*two, page).constraints if n.startswith("motion, 1")
+    )
+    problem_of(*two, extend(page, replace={name: still}))
+    assert stated

@@ -258,3 +258,26 @@ def test_trajectories_do_not_change_with_the_arrays_they_were_made_of():
     toss[:], position[:] = 0, 0.0
     assert np.array_equal(kept.tosses, told.tosses)
     assert np.array_equal(kept.position, told.position)
+
+
+def dropped(rate: float) -> Trajectories:
+    """Return five boxes that fall 0.25 to 0.45 m and stay where they land."""
+    time, half, poses = np.arange(int(1.2 * rate)) / rate, 0.025, []
+    for begun in np.linspace(0.25, 0.45, 5):
+        height = np.maximum(begun - 9.81 / 2 * time**2, 0.0) + half
+        poses.append(np.stack([0.1 * time, 0 * time, height], axis=1))
+    count = len(time)
+    still = np.tile([1.0, 0, 0, 0], (5 * count, 1))
+    return Trajectories(
+        toss=np.repeat(np.arange(5), count), position=np.concatenate(poses),
+        quaternion=still, dt=1 / rate,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rate", [20, 30, 60, 148])
+def test_falls_of_any_rate_agree_with_gravity_and_a_wrong_interval_does_not(rate):
+    """At 20 Hz five samples are in the air; sixteen would include the landing."""
+    told = dropped(rate)
+    assert starts_of(told, SCENE, "cuboid", None, None).gauge[0] == pytest.approx(1)
+    with pytest.raises(MeasurementError, match="free falls"):
+        starts_of(replace(told, dt=told.dt / 3), SCENE, "cuboid", None, None)

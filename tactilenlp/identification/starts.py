@@ -26,7 +26,10 @@ from .impacts import MIN_TOSSES, TossSteps, gravity_of, phases_of, steps_of
 CUBE_SIGNS = np.array(np.meshgrid([-1.0, 1], [-1.0, 1], [-1.0, 1])).reshape(3, 8)
 LARGEST_GAUGE = 0.1  # [1] error of a tracker's metre; beyond it, dt or unit is wrong
 SURE = 3.0  # [sigma] from which free falls contradict dt and unit
-FIRST_SAMPLES = 16  # of a toss, which begins in the air
+# Samples of a toss, which begins in the air: as many as are one parabola, since at low
+# rates the first ones include the landing.
+FIRST_SAMPLES = 16, 12, 9, 7, 5
+ONE_PARABOLA = 3.0, 0.2e-3  # [-] misfit of more samples over that of the fewest, [m]
 ALIKE, FAR_FALL = 0.2, 0.25  # [1] scatter of their gravity, its logarithmic error
 LEAST_ACCELERATION = 1e-9  # [m/s^2]
 TILTED, FLAT = 5.0, 2.0  # [deg] medians at rest that tell xyzw from wxyz
@@ -132,11 +135,11 @@ def _check_fall(toss, height, dt, gravity) -> None:
 
     height (T,) [m].  Tosses that begin in a hand or on the ground scatter.
     """
-    gravities = []
-    for number in np.unique(toss):
-        z = height[toss == number][:FIRST_SAMPLES]
-        if len(z) == FIRST_SAMPLES:
-            gravities.append(-2 * np.polyfit(np.arange(FIRST_SAMPLES) * dt, z, 2)[0])
+    heights = [height[toss == number] for number in np.unique(toss)]
+    falls = [_first_fall(heights, count, dt) for count in FIRST_SAMPLES]
+    factor, exact = ONE_PARABOLA
+    most = factor * falls[-1][1] + exact
+    gravities = next(found for found, misfit in falls if misfit <= most)
     if len(gravities) < MIN_TOSSES:
         return
     g = float(np.median(gravities))
@@ -148,13 +151,31 @@ def _check_fall(toss, height, dt, gravity) -> None:
         raise _wrong_fall(g, dt, gravity)
 
 
+def _first_fall(heights, count: int, dt) -> tuple[list, float]:
+    """Return the gravity [m/s^2] by the first samples of each toss, and the misfit [m].
+
+    Of a parabola through `count` samples, of tosses that have so many; the misfit is
+    the median over tosses of the root of the mean square.
+    """
+    time, gravities, misfits = np.arange(count) * dt, [], []
+    for z in (z[:count] for z in heights if len(z) >= count):
+        curve = np.polyfit(time, z, 2)
+        gravities.append(-2 * curve[0])
+        off = z - np.polyval(curve, time)
+        misfits.append(np.sqrt((off**2).sum() / (count - 3)))
+    return gravities, float(np.median(misfits)) if misfits else np.inf
+
+
 def _wrong_fall(g, dt, gravity) -> MeasurementError:
     """Return the error for free falls at g instead of gravity [m/s^2]."""
+    fix = "check that positions are in metres, z up"
+    if g > 0:
+        would = dt * np.sqrt(g / gravity)
+        fix = f"check dt (it would be {would:.3g} s) and that positions are in metres"
     return MeasurementError(
         "free falls contradict the interval or the unit", where="dt, position",
         got=f"{g:.3g} m/s^2 in free falls", expected=f"about {gravity:.3g}",
-        next=f"check dt (it would be {dt * np.sqrt(max(g, 0) / gravity):.3g} s) and "
-        "that positions are in metres, or give gauge",
+        next=f"{fix}, or give gauge",
     )  # fmt: skip
 
 

@@ -55,6 +55,20 @@ class Eliminated:
         self.hessian = ca.Sparsity.upper(n)
         self.functions = nlpsol_functions(self, problem.data().size)
 
+    def check_unbounded(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Raise PageError where bounds of unknowns that follow from others are finite.
+
+        lower, upper: of all unknowns, equal where one is fixed.
+        """
+        finite = np.isfinite(np.stack([lower, upper])[:, self.dependent]).any(axis=0)
+        if finite.any():
+            raise PageError(
+                "unknowns that follow from others have bounds, or are fixed",
+                where="eliminate", got=f"{np.count_nonzero(finite)} of {len(finite)}",
+                expected="none: they are computed",
+                next="state the bounds by subject_to, or leave out eliminate",
+            )  # fmt: skip
+
     def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Return all unknowns: the dependent ones computed from those that are free.
 

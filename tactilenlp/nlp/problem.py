@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
 from ..common.named import Named
-from ..common.validation import numbers_of
+from ..common.validation import check_kind, numbers_of
 from ..errors import PageError, did_you_mean
 from .assembly import Assembly
 from .diagnostics import Report, check, describe
@@ -147,7 +147,7 @@ class Problem:
 
     @property
     def terms(self) -> dict[str, Term]:
-        return {**self.costs, **self.constraints}
+        return Named("terms", {**self.costs, **self.constraints})
 
     def costs_of(self, *roles: str) -> list[str]:
         """Return the names of the costs of these roles."""
@@ -196,7 +196,7 @@ class Problem:
     # -- numbers, term by term --------------------------------------------------------
     def value(self, name: str, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """Evaluate one term at every instance, (instances, rows)."""
-        term = self.terms.get(name) or self.reports[name]
+        term = Named("terms", {**self.terms, **self.reports})[name]
         return term.evaluated("first", x, data)[0].T
 
     def jacobian(self, name: str, x: np.ndarray, data: np.ndarray) -> sp.csc_matrix:
@@ -256,9 +256,9 @@ class Problem:
         """Keep a term among others; what has no instance is left out and costs none."""
         self._new(name, {**self.terms, **self.reports})
         function, arguments = apart(function, arguments)
-        instances = instances_of(name, arguments)
-        if instances == 0:
+        if not (instances := instances_of(name, arguments)):
             return
+        check_kind(f"{name}: per", per, (Variable, type(None)), PageError)
         for argument in (*arguments, per):
             check_owner(self, name, argument)
         if per is not None:
@@ -279,8 +279,8 @@ class Problem:
                 expected="1 row", next="add them up: casadi.sum1(...), casadi.sumsqr",
             )  # fmt: skip
         limits = limits_of(name, (instances, derived.rows), limits)
-        empty = np.zeros((instances, 0), int)
-        read = np.hstack([empty, *unknowns]), np.hstack([empty, *data])
+        first = np.zeros((instances, 0), int)
+        read = [np.hstack([first, *rest]) for rest in (unknowns, data)]
         terms[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
                           per=per and per.name)  # fmt: skip
 
@@ -295,6 +295,6 @@ class Problem:
 
     def _data_indices(self, name: str, argument) -> np.ndarray:
         if isinstance(argument, Parameter):
-            return np.arange(argument.span.start, argument.span.stop)[None]
+            return np.r_[argument.span][None]
         values = table(argument, name)
         return self._append_data(values) + np.arange(values.size).reshape(values.shape)

@@ -234,15 +234,10 @@ class _Edited:
         self._edits = {**replace, **dict.fromkeys(without)}  # None: omitted
 
     def __getattr__(self, name):
-        return getattr(self._nlp, name)
-
-    def minimize(self, name, function, *arguments, role):
-        """Add a cost, unless it is omitted; its function may be another one."""
-        self._add(self._nlp.minimize, name, function, arguments, {"role": role})
-
-    def subject_to(self, name, function, *arguments, **limits):
-        """Add a constraint, unless it is omitted; its function may be another one."""
-        self._add(self._nlp.subject_to, name, function, arguments, limits)
+        """Return a method of the problem; its terms may be omitted, or others."""
+        found = getattr(self._nlp, name)
+        edited = name in ("minimize", "subject_to", "follow")
+        return partial(self._add, found) if edited else found
 
     def report(self, name, function, *arguments):
         """Add a report, unless it is about a term that is omitted or another one."""
@@ -254,7 +249,7 @@ class _Edited:
         names = name, name.partition(",")[0]
         return next((key for key in names if key in self._edits), None)
 
-    def _add(self, add, name, function, arguments, more):
+    def _add(self, add, name, function, *arguments, **more):
         self._stated.append(name)
         key = self._key_of(name)
         if key is None:

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from ..common.interrupt import interruptible
-from ..common.validation import check_types
-from ..errors import OptionError, shortened
+from ..common.validation import as_array, check_types
+from ..errors import OptionError, PageError, shortened
 from ..nlp.problem import Problem
 from ..nlp.terms import check_declared
 from .condensed_kkt import CondensedKkt
@@ -124,6 +124,8 @@ def solve(
     """
     check_types(options=(options, (SolverOptions, type(None))))
     warm = start if isinstance(start, Solution) else None
+    if not problem.variables:
+        raise PageError("no unknowns", where="solve", next="declare nlp.variable(...)")
     began = time.process_time()
     programme = problem.eliminated if eliminate else problem.assembly
     if solver is None:
@@ -132,6 +134,8 @@ def solve(
     built = time.process_time() - began
     data = problem.data(parameters)
     x, *bounds = _start(problem, (warm.values if warm else start) or {}, fixed)
+    if eliminate:
+        programme.check_unbounded(*bounds)
     began = time.process_time()
     with interruptible():
         out = solver(p=data, **_inputs(problem, programme, x, bounds, warm))
@@ -147,6 +151,19 @@ def solve(
     return solution
 
 
+def _span_of(problem, held):
+    """Return the indices of a variable by its name, or those that are given."""
+    if isinstance(held, str):
+        return problem.variables[held].span
+    where = as_array(held, "iu")
+    if where is None or (where < 0).any() or (where >= problem.size).any():
+        raise PageError(
+            "no indices of unknowns", where="fixed", got=shortened(held, most=60),
+            expected=f"names of variables, or indices below {problem.size}",
+        )  # fmt: skip
+    return where
+
+
 def _inputs(problem, programme, x, bounds, warm: Solution | None) -> dict:
     """Return start, bounds and multipliers (of `warm`) as IPOPT takes them, scaled."""
     free, kept, scale = programme.free, programme.kept, problem.scale
@@ -159,7 +176,10 @@ def _inputs(problem, programme, x, bounds, warm: Solution | None) -> dict:
         "ubg": problem.limits("upper")[kept],
     }
     if warm:
-        rows = [warm.multipliers[name].ravel() for name in problem.constraints]
+        rows = [
+            np.ravel(warm.multipliers.get(name, np.zeros(term.rows)))
+            for name, term in problem.constraints.items()
+        ]
         lam_x = problem.pack(warm.bound_multipliers) * scale
         inputs["lam_g0"] = np.concatenate([np.zeros(0), *rows])[kept]
         inputs["lam_x0"] = lam_x[free]
@@ -201,7 +221,7 @@ def _start(problem, values, fixed):
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     x = np.clip(problem.pack(values), lower, upper)
     for held in fixed:
-        where = problem.variables[held].span if isinstance(held, str) else held
+        where = _span_of(problem, held)
         lower[where] = upper[where] = x[where]
     return x, lower, upper
 

@@ -18,9 +18,8 @@ from ..geometry.transforms import rotate_planar
 from .geometry import geometry_of
 
 DRAWN = 1000  # boxes that explain the first touch; 300 miss some
-SIZE_SPREAD = 15e-3  # [m] deviation of drawn sides about their prior mean
-SHORTEST_SIDE, LONGEST_SIDE = 15e-3, 90e-3  # [m] sides drawn
-LARGE, LARGE_DRAWN = (60e-3, 200e-3), 300  # [m] sides of large boxes, and how many
+LARGE_DRAWN = 300  # large boxes
+LARGE = np.array([4 / 3, 40 / 9])  # [mean of the prior] sides of these: 60 to 200 mm
 YAW = 0.15  # [rad] deviation of a face from the normal felt
 # [-] share of draws that are touched on a face, not on an edge: with 0.7, and edges
 # from 15 degrees on, 10 of 89 noisy boxes miss the best optimum known by 0.5 nats, so 6
@@ -31,9 +30,9 @@ OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
 BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
 TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
 RIM_NORMAL, RIM_SIGMAS = 0.25, 3.0  # [-], [sigma] n_z of a touch of the rim: at least
-# Of other shapes than boxes:
 SHARE = 0.75  # [prior deviations] of drawn sizes about the mean: 15 mm of a cuboid
 SMALLEST, LARGEST = 1 / 3, 2.0  # [mean of the prior] sizes drawn
+# Of other shapes than boxes:
 TRIED = 10  # draws for each that is kept, at most
 SIZE_HALVINGS = 30
 SLOPE = 0.3  # [-] deviation of the vertical part of a normal
@@ -58,16 +57,16 @@ def box_states(data, shape, rng, sigma: float):
     heavy tails.
     """
     mean, contact = shape.typical_size, first_contact(data)
-    usual = np.clip(
-        rng.normal(mean, SIZE_SPREAD, (2, DRAWN)), SHORTEST_SIDE, LONGEST_SIDE
-    )
+    shortest, longest = SMALLEST * mean, LARGEST * mean
+    drawn = rng.normal(mean, SHARE * shape.typical_deviation, (2, DRAWN))
+    usual = np.clip(drawn, shortest, longest)
     poses = places_of(*usual, contact, rng)
-    large = np.exp(rng.uniform(*np.log(LARGE), (2, LARGE_DRAWN)))
+    large = np.exp(rng.uniform(*np.log(mean * LARGE), (2, LARGE_DRAWN)))
     poses = np.hstack([poses, places_of(*large, contact, rng)])
     sides = np.hstack([usual, large])
     height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
     P = np.repeat(np.diag(START_SIGMA**2)[..., None], sides.shape[1], axis=2)
-    P[[0, 1], [0, 1]] *= np.maximum(1.0, sides / LONGEST_SIDE) ** 2
+    P[[0, 1], [0, 1]] *= np.maximum(1.0, sides / longest) ** 2
     return np.array([*sides, height, *poses]), P
 
 
@@ -79,7 +78,7 @@ def from_guess(guess, geometry, rng):
     off = sigma[:, None] * rng.normal(size=(len(sigma), DRAWN))
     off[:, 0] = 0.0
     z = guess[:, None] + off
-    z[:-3] = np.maximum(z[:-3], SHORTEST_SIDE / 2)
+    z[:-3, 1:] = np.maximum(z[:-3, 1:], SMALLEST / 2 * geometry.shape.typical_size)
     return z, np.repeat(np.diag(sigma**2)[..., None], DRAWN, axis=2)
 
 
@@ -125,7 +124,8 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     z = data.finger_position[..., 2] - data.finger_radius * n_z
     rim = z[felt & (n_z > max(RIM_NORMAL, RIM_SIGMAS * sigma))]
     if rim.size and np.median(np.abs(rim - np.median(rim))) < OPEN_GAP:  # else it tilts
-        return float(np.clip(np.median(rim), *shape.bounds))
+        low, high = (np.broadcast_to(b, shape.theta)[2] for b in shape.bounds)
+        return float(np.clip(np.median(rim), low, high))
     side = z[felt & (np.abs(n_z) < TOP_TILT)]
     return (
         max(otherwise, np.quantile(side, 0.9) + BELOW_TOP) if side.size else otherwise
@@ -167,7 +167,9 @@ def _drawn(shape, rng, count: int) -> np.ndarray:
     )
     low, high = (np.broadcast_to(v, shape.theta)[:, None] for v in shape.bounds)
     theta = mean + SHARE * deviation * rng.normal(size=(shape.theta, count))
-    low, high = np.maximum(low, SMALLEST * mean), np.minimum(high, LARGEST * mean)
+    length = (mean > 0) & (low >= 0)  # an angle, say, is within its bounds alone
+    low = np.where(length, np.maximum(low, SMALLEST * mean), low)
+    high = np.where(length, np.minimum(high, LARGEST * mean), high)
     return np.clip(theta, low, high)
 
 
