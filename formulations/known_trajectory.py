@@ -44,6 +44,7 @@ from .known_trajectory_terms import (
     StepMotion,
     Touch,
     Vertex,
+    cuboid_imbalance,
     gaussian,
     imbalance,
     penetration,
@@ -84,8 +85,10 @@ def build(nlp, window, scene):
     )
     lam = impulses(nlp, "ground", len(touch), w, w / 4)
     fall = nlp.parameter("fall", [scene.mass, scene.gravity, window.dt], "kg, m/s^2, s")
-    uniform = nlp.parameter("uniform inertia", window.uniform, "m^2")
     nlp.parameter("surface", SURFACE, "m")
+    uniform = theta  # a cuboid's follows from its half widths, a free body's is guessed
+    if window.columns > 1:
+        uniform = nlp.parameter("uniform inertia", window.uniform, "m^2")
     balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam)
     ground = Ground(plane, offset[:, step.toss[touch.step]])
     corner = Vertex(theta[:, touch.column], touch.sign)
@@ -102,8 +105,11 @@ def build(nlp, window, scene):
 
 
 def balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam):
-    """Add the balance of every step, by number of corners that may touch."""
-    touch = window.touch
+    """Add the balance of every step, by number of corners that may touch.
+
+    uniform: the inertia per mass [m^2] of a uniform body, or the half widths of one.
+    """
+    touch, law = window.touch, imbalance if window.columns > 1 else cuboid_imbalance
     for count, g in window.groups.items():
         ground = Ground(plane, offset[:, window.step.toss[g.steps]])
         s = window.step.pick(g.steps)
@@ -113,7 +119,7 @@ def balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam):
             for c in g.touches.T
         ]
         nlp.minimize(
-            f"balance, {count} touching", imbalance, ground, inertia, fall, uniform,
+            f"balance, {count} touching", law, ground, inertia, fall, uniform,
             motion, *touches, role="likelihood",
         )  # fmt: skip
 

@@ -114,6 +114,17 @@ def imbalance(ground, inertia, fall, uniform, step, *touches):
     return 4 * (ca.sqrt(1 + off / 4) - 1)
 
 
+def cuboid_imbalance(ground, inertia, fall, theta, step, *touches):
+    """Return the same of a cuboid of half widths theta (3,) [m]."""
+    uniform = uniform_cuboid(theta)
+    return imbalance(ground, inertia, fall, uniform, step, *touches)
+
+
+def uniform_cuboid(theta):
+    """Return the inertia per mass (3,) [m^2] of a uniform cuboid."""
+    return (ca.sumsqr(theta) - theta * theta) / 3
+
+
 def touching(ground, radius, corner, lam, w, surface, *poses):
     """Return the cost of an impulse on a corner that is, and was, above the ground.
 

@@ -281,3 +281,15 @@ def test_falls_of_any_rate_agree_with_gravity_and_a_wrong_interval_does_not(rate
     assert starts_of(told, SCENE, "cuboid", None, None).gauge[0] == pytest.approx(1)
     with pytest.raises(MeasurementError, match="free falls"):
         starts_of(replace(told, dt=told.dt / 3), SCENE, "cuboid", None, None)
+
+
+@pytest.mark.slow
+def test_inertia_is_compared_with_a_uniform_body_of_the_size_that_is_found(tosses):
+    """Not of the one that was guessed: two guesses, one result."""
+    few = tosses.select(tosses.tosses[:2])
+    small, large = (
+        identify_body(few, SCENE, guess=[half] * 3, gauge=1.0, throw=False)
+        for half in (HALF, 1.3 * HALF)
+    )
+    assert large.half_widths == pytest.approx(small.half_widths, abs=2e-4)
+    assert large.inertia == pytest.approx(small.inertia, rel=0.03)

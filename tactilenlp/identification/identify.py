@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from formulations import known_trajectory as page
+from formulations.known_trajectory_terms import uniform_cuboid
 
 from ..common.deadline import Deadline
 from ..common.threads import on_one_thread
@@ -238,6 +239,8 @@ def _read_off(
     with_radius = _sharp_sigma(C, names, signs, push)
     spread = np.hypot(with_radius, vertices * ruler[1] / ruler[0])
     uniform = scene.mass * window.uniform
+    if window.columns == 1:  # of the half widths that were found
+        uniform = scene.mass * np.array(uniform_cuboid(values["theta"])).ravel()
     sigma |= {
         "vertices": spread, "half_widths": spread.reshape(-1, 3).max(axis=0),
         "gauge": ruler[1], "ground": sigma.pop("plane"),
