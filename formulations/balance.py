@@ -96,7 +96,7 @@ class Dynamics(NamedTuple):
     def steps(self, window):
         """Yield number of pushing fingers, Step and contacts of all steps with so many.
 
-        A Step has the pose two samples before, and since when, too.
+        A Step has the pose two samples before, and the time from it to the next, too.
         """
         for count, group in window.groups.items():
             step, s = window.step, group.steps

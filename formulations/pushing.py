@@ -18,8 +18,8 @@ convex, and `improved`, a Newton step on a convex quadratic bound of the work
 
 A body at s = (x, y, yaw) has moved by that much from a given pose.  Inertia is left
 out: at 0.2 m/s a body slides 7 mm on its own where mu_g = 0.3, but a finger that slows
-down over 0.5 s never lets go of it.  Nothing tips here: whether it would, tells the
-`wrench` of the fingers (tactilenlp/geometry/support.py).
+down over 0.5 s never lets go of it.  Nothing tips here; whether a body would follows
+from the force and the moment of its fingers (tactilenlp/geometry/support.py).
 
 `time_stepping` follows fingers that are where their path says; this page follows paths
 that are only planned, on which fingers meet bodies and are held back.

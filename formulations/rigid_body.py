@@ -125,6 +125,7 @@ def turn(R_to, R_from):
 def momentum_change(body, poses, dt, dt_1=None):
     """Return the change of linear and angular momentum per unit mass over one step.
 
+    (p - p_1) / dt - (p_1 - p_2) / dt_1, and likewise of the inertia times the spin.
     poses: (p_wo, R_wo) of the body's origin now, one and two samples ago; a body at
     rest has equal ones.  dt, dt_1 [s]: of this step and of the one before, as long
     where it is not given.  Returns (3,) [m/s] and (3,) [m^2/s], the latter about the
@@ -134,7 +135,7 @@ def momentum_change(body, poses, dt, dt_1=None):
     change = p - 2 * p_1 + p_2
     before = R_1 @ body.inertia @ R_1.T @ turn(R_1, R_2)
     spin = R @ body.inertia @ R.T @ turn(R, R_1) - before
-    if dt_1 is not None:  # zero where both steps are as long
+    if dt_1 is not None:  # exactly zero where both steps are as long
         uneven = 1 - dt / dt_1
         change += uneven * (p_1 - p_2)
         spin += uneven * before

@@ -56,5 +56,7 @@ def test_one_true_pose_is_that_of_all_samples_and_many_are_each_of_their_own():
     for sample in (0, 5, -1):
         centre = true_corners(moving, sample, 62).mean(axis=0)
         np.testing.assert_allclose(centre, 1e3 * way[sample], atol=1e-9)  # [mm]
+        first = true_corners(moving, sample, 40).mean(axis=0)  # of the first samples
+        np.testing.assert_allclose(first, 1e3 * way[:40][sample], atol=1e-9)
     corners = true_corners(one(vertices=CUBE - 0.02), 0, 62)
     np.testing.assert_allclose(np.sort(corners, axis=0), np.sort(still, axis=0))

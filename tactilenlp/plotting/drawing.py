@@ -194,13 +194,17 @@ def true_corners(truth, sample: int, samples: int) -> np.ndarray:
 
 
 def _row_of(where: str, value, width: int, sample: int, samples: int) -> np.ndarray:
-    """Return the row (width,) at a sample, of one row or of as many as samples."""
+    """Return the row (width,) at a sample, of one row or of as many as samples.
+
+    More are those of a recording, of which the estimate has the first samples.
+    """
     rows = numbers_of(where, value, OptionError, ..., width)
+    rows = rows[:samples] if rows.ndim == 2 else rows
     if rows.shape not in ((width,), (1, width), (samples, width)):
         raise OptionError(
             "wrong number of samples", where=where, got=f"shape {rows.shape}",
-            expected=f"({width},), or ({samples}, {width}) as in the estimate",
-            next="select the samples of the estimate",
+            expected=f"({width},), or ({samples}, {width}) as in the estimate, or more",
+            next="give one pose, or one of every sample",
         )  # fmt: skip
     return np.broadcast_to(rows, (samples, width))[sample]
 

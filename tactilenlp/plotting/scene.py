@@ -4,7 +4,7 @@ Touched faces are blue, untouched ones grey, the truth is dashed, each finger ha
 colour.  Every function returns the figure, and draws into `axis` if one is given.
 truth: a TrueBody, or a dict or dataclass with position (T, 3) or (3,) [m], quaternion
 (wxyz) and side_lengths (3,) or vertices (V, 3) [m]; T poses are those of the samples
-of the estimate, OptionError otherwise.
+of the estimate, or of a recording that goes on after them; OptionError of fewer.
 """
 
 from __future__ import annotations
