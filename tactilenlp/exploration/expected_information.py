@@ -12,7 +12,7 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from formulations.friction import FRICTION_MEAN
 from formulations.names import FINGER_FRICTION, GROUND_FRICTION
@@ -69,7 +69,7 @@ class Prospect:
     @property
     def chance_to_slide(self) -> float:
         """The probability [1] that the body slides all the way and does not tip."""
-        return float(norm.cdf((self.margin / self.deviation).min()))
+        return float(ndtr((self.margin / self.deviation).min()))
 
 
 class ExpectedInformation:
