@@ -9,10 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from formulations.shape import CUBOID
 from tactilenlp import Estimate, Ground, Guess, Options, Scene, solve_estimate
+from tactilenlp.estimation import optima
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.information.goodness_of_fit import Misfit
 from tactilenlp.interface.request import first_guess
-from tactilenlp.refinement.ground_tilt import with_ground_tilt
+from tactilenlp.refinement.ground_tilt import moved_to, with_ground_tilt
+from tactilenlp.tracking.surface import body_surface, pose_of
 
 LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
 
@@ -143,3 +145,40 @@ def test_a_lean_is_found_however_far_away_the_origin_of_the_world_is(
     tilts = [np.linalg.norm(e.scene.ground.tilt) for e in (high, low)]
     assert tilts[0] == pytest.approx(tilts[1], abs=1e-4)
     assert tilts[0] > 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("without", [(), "planar"])
+@pytest.mark.parametrize("shape", ["cuboid", "polytope"])
+def test_a_body_stays_where_it_is_in_the_world_when_the_grounds_frame_moves(
+    recorded, monkeypatch, shape, without
+):
+    """A milliradian about the body: the frame, 0.8 m away, moves by 0.8 mm."""
+    data, scene, _ = recorded
+    table, solves = Ground(0.8, (0.0, 0.6, 0.8)), []
+    data = data.select([0, 1]).transformed(table.rotation.T, table.origin)
+
+    def kept(found):
+        solves.append(found[0])
+        return found
+
+    monkeypatch.setattr(optima, "with_ground_tilt", kept)
+    options = Options(check_mistakes=False, without=without)
+    given = {"shape": shape, "options": options, "throw": False}
+    solve_estimate(data, replace(scene, ground=table), **given)
+    before, ground = solves[-1], solves[-1].job.scene.ground
+    turned = ground.turned((1e-3, -0.7e-3), np.r_[before.at.x[:2, -1], 0.0])
+    after = moved_to(turned, before)
+    assert len(after.at.x) == (6 if without else 3)
+    off = [places(one.at, one.job) for one in (before, after)]
+    assert np.abs(off[1] - off[0]).max() < 0.15e-3
+    assert after.job.scene.ground == turned
+
+
+def places(h, job):
+    """Return the points (T, V, 3) [m] of a body, in the world."""
+    body, out = body_surface(job.shape, h.theta), []
+    for x in h.x.T:
+        p, R = pose_of(job.shape, h.theta, x)
+        out.append(job.scene.ground.from_ground(body @ R.T + p))
+    return np.array(out)

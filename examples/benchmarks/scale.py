@@ -9,6 +9,7 @@ with default options.  Each cell is kept when it is done; called again, the stud
 on.  It writes scale.jsonl, scale.csv, and scale.png: CPU seconds over samples.
 """
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -18,7 +19,7 @@ import numpy as np
 from exploration_objects import errors, world_of
 from study import grouped, study_parser, table, tabled_study, telling
 
-from tactilenlp import Scene, Workspace, World, solve_estimate
+from tactilenlp import Scene, Workspace, solve_estimate
 from tactilenlp.shapes import polytope
 
 BOX, SOLID = {"objects": "cuboid"}, {"objects": "polytope"}
@@ -56,14 +57,8 @@ def run(cell: str, number: int) -> dict:
 
 def recorded(number, objects, actions=6, fingers=2, rate=30, vertices=None):
     """Return a world under random actions of its fingers, and the shape to estimate."""
-    like = world_of(number, objects)
-    body = {"side_lengths": like.side_lengths}
-    if like.side_lengths is None:
-        body = {"vertices": like.vertices}
-    world = World(
-        **body, position=like.pose[:2], quaternion=like.pose[3:],
-        finger_radius=(RADIUS,) * fingers, rate=rate,
-    )  # fmt: skip
+    given = {"finger_radius": (RADIUS,) * fingers, "rate": rate}
+    world = replace(world_of(number, objects), **given)
     space, rng = Workspace(fingers), np.random.default_rng([number, actions])
     for _ in range(actions):
         target = world.pose[:3]

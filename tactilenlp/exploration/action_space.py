@@ -160,6 +160,15 @@ class Workspace:
                 return action
         action.trajectory(target)  # raises
 
+    def parked(self, middle, away: float) -> np.ndarray:
+        """Return places (F, 3) [m] of parked fingers, each in its sector, ground frame.
+
+        away [m]: from the middle (3,) [m], horizontally; half as far above it.
+        """
+        heading = 2 * np.pi * np.arange(self.fingers) / self.fingers
+        outward = [np.cos(heading), np.sin(heading), np.full(self.fingers, 0.5)]
+        return middle + away * np.stack(outward, axis=1)
+
     def blocked(self, way: np.ndarray) -> bool:
         """Tell whether a finger that moves meets an obstacle; way: (n, F, 3) [m]."""
         way = way[:, np.ptp(way, axis=0).any(axis=1), None]
@@ -254,11 +263,8 @@ class Action:
         limits = [space.radius, 0.0 if alone else space.apart, space.apart, lowest]
         way = _finger_lines(space.fingers, n, alone)(self.angles, target, limits)
         way = np.array(way.full()).T.reshape(n, space.fingers, 3)
-        for finger, moves in enumerate(self.active):
-            if not moves:  # parked in its sector, at twice the radius
-                heading = 2 * np.pi * finger / space.fingers
-                away = np.r_[np.cos(heading), np.sin(heading), 0.5]
-                way[:, finger] = target + 2 * space.radius * away
+        still = ~np.array(self.active)
+        way[:, still] = space.parked(target, 2 * space.radius)[still]
         return frame.from_ground(way)
 
 

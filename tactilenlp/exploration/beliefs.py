@@ -60,6 +60,12 @@ class Belief:
     weight: float
     shift: np.ndarray
 
+    @property
+    def covariance(self) -> np.ndarray:
+        """The covariance of z (k, k), SI; unknown offsets are marginalised."""
+        k = len(self.z)
+        return np.linalg.inv(self.information)[:k, :k]
+
 
 def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
     """Return at most `count` beliefs, best first; their weights sum to one.

@@ -30,7 +30,8 @@ from ..errors import OptionError, typed_call
 from ..geometry.support import Standing
 from ..information.comparisons import information_gain
 from ..problem.pages import shape_of
-from ..tracking.standing import pose_of, standing_of
+from ..tracking.standing import standing_of
+from ..tracking.surface import pose_of
 from . import beliefs, polytope_beliefs
 from .action_space import Action, Workspace, workspace_of
 from .beliefs import Belief, has_free_poses
@@ -186,15 +187,13 @@ class ExpectedInformation:
             return polytope_beliefs.standing_of(belief, ground.rotation @ centre)
         if self.shape.rolls:
             return None
-        k = len(belief.z)
-        known = np.linalg.inv(belief.information)[:k, :k]
-        return standing_of(self.shape, belief.z, known, centre)
+        return standing_of(self.shape, belief.z, belief.covariance, centre)
 
     def _near(self, belief: Belief, path, space) -> int:
         """Return how many last steps of a path (n + 1, F, 3) are near the body."""
-        n, theta = len(path) - 1, belief.z[: self.shape.theta]
-        held = self.shape.of_vertices  # about the centroid
-        centre = np.zeros(3) if held else pose_of(self.shape, belief.z)[0]
+        n, (theta, x) = len(path) - 1, np.split(belief.z, [self.shape.theta])
+        # Vertices have no pose: they are about their centroid.
+        centre = pose_of(self.shape, theta, x)[0] if len(x) else np.zeros(3)
         reach = self.shape.reach(theta) + space.finger_radius + NEAR_DISTANCE
         away = np.linalg.norm(path - centre, axis=2).min(axis=1)
         left = n - np.argmax(away[1:] < reach) if (away[1:] < reach).any() else 1

@@ -29,12 +29,11 @@ from formulations import rigid_body
 from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 from formulations.pushed_hull import LIFTED
-from formulations.rigid_body import PLANAR
 
 from ..geometry.convex_hull import hull_vertices, nearest_points
 from ..geometry.faces import FACE_TILT
 from ..geometry.support import Standing, settling
-from ..geometry.transforms import rotation_of
+from ..geometry.transforms import is_planar, rotation_of
 from . import beliefs
 from .beliefs import POSE_PRIOR_SIGMA, Belief
 from .push_model import (
@@ -58,7 +57,7 @@ def belief_of(estimate, shape) -> Belief:
     R_go = ground.rotation @ estimate.rotation()
     vertices = estimate.vertices @ R_go.T
     points = fingers_on_body(estimate)
-    if len(estimate.unknowns["x"]) > len(PLANAR.scale):  # it may lean on a finger
+    if not is_planar(estimate.unknowns["x"]):  # it may lean on a finger
         turn, centre = settling(vertices, centre)
         vertices, points = vertices @ turn.T, points @ turn.T
     before = ball_prior(vertices, shape.size_prior)
@@ -77,8 +76,7 @@ def standing_of(belief: Belief, centre) -> Standing:
     """
     vertices, k = belief.z.reshape(-1, 3), len(belief.z)
     slopes = np.eye(k).reshape(len(vertices), 3, k)[:, :2]
-    known = np.linalg.inv(belief.information)[:k, :k]
-    return Standing(vertices, np.zeros(3), centre[:2], slopes, known)
+    return Standing(vertices, np.zeros(3), centre[:2], slopes, belief.covariance)
 
 
 def hull_sensor_model(estimate) -> np.ndarray:

@@ -54,7 +54,8 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     if space.ground is not None:
         height = space.finger_radius + space.clearance + SWEEP_LIFT
         middle[2] = 0.0 if centre is None else max(middle[2], 0.0)
-    parked = parking_places(space, middle, height)
+    parked = space.parked(middle, 3 * space.radius)
+    parked[:, 2] = np.maximum(parked[:, 2], height)  # no lower than the sweep
     pieces = int(np.ceil(2 * space.radius / SEGMENT_LENGTH))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
     n = round(space.duration * POINT_RATE) + 1
@@ -72,18 +73,6 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
             position = frame.from_ground(position)
             if not space.blocked(position):
                 yield Trajectory(share[:, 0] * space.duration, position)
-
-
-def parking_places(space: Workspace, middle: np.ndarray, height: float) -> np.ndarray:
-    """Return places (F, 3) [m] outside a sweep about middle (3,) [m], ground frame.
-
-    height: [m], of the sweep; no place is lower.
-    """
-    angles = 2 * np.pi * np.arange(space.fingers) / space.fingers
-    away = [np.cos(angles), np.sin(angles), np.full(space.fingers, 0.5)]
-    places = middle + 3 * space.radius * np.column_stack(away)
-    places[:, 2] = np.maximum(places[:, 2], height)
-    return places
 
 
 def first_touch(world, space: Workspace, centre, rng):

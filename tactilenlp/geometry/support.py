@@ -14,6 +14,7 @@ robots: Vukobratovic and Borovac, Int. J. Humanoid Robotics 1, 2004).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from formulations.pushing import LIGHTEST
 
 from .faces import polygons
+from .transforms import rotate_planar
 
 STANDS = 1e-3  # [m] above its lowest point, a vertex of an estimated body carries it
 AROUND = np.linspace(0, 2 * np.pi, 64, endpoint=False)  # [rad], 0.1 % of a polygon
@@ -53,33 +55,37 @@ class Standing:
         displacements; wrench: (n, 6) [N, N m], force on the body and moment about the
         origin of positions; weight: m g_0 [N].
         """
-        ground = self.vertices[:, 2].min()
-        stands = np.flatnonzero(self.vertices[:, 2] < ground + STANDS)
-        # It stands: the polygon has at least the point below the centre of mass.
-        points = np.vstack([self.vertices[stands, :2], self.centre])
-        reach, vertex = (
-            (points @ OUTWARD).max(axis=0),
-            (points @ OUTWARD).argmax(axis=0),
-        )
+        reach, sigma = self._polygon
         angle = AROUND + motion[:, 2:]
         ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (n, 2, 64)
-        pressed = self._pressed(motion, wrench, weight, ground)
+        pressed = self._pressed(motion, wrench, weight)
         room = reach - np.einsum("ni,nia->na", pressed, ahead)
         edge = room.argmin(axis=1)
-        slopes = np.vstack([self.slopes[stands], np.zeros((1, *self.slopes.shape[1:]))])
-        J = np.einsum("ni,nik->nk", OUTWARD.T[edge], slopes[vertex[edge]])
-        variance = np.einsum("nk,kl,nl->n", J, self.covariance, J)
-        return room[np.arange(len(room)), edge], np.sqrt(np.maximum(variance, 0.0))
+        return room[np.arange(len(room)), edge], sigma[edge]
 
-    def _pressed(self, motion, wrench, weight, ground) -> np.ndarray:
+    @cached_property
+    def _polygon(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far the support polygon reaches OUTWARD (64,) [m], and its deviation."""
+        stands = np.flatnonzero(self.vertices[:, 2] < self._ground + STANDS)
+        # It stands: the polygon has at least the point below the centre of mass.
+        reach = np.vstack([self.vertices[stands, :2], self.centre]) @ OUTWARD
+        slopes = np.vstack([self.slopes[stands], np.zeros((1, *self.slopes.shape[1:]))])
+        J = np.einsum("ia,aik->ak", OUTWARD, slopes[reach.argmax(axis=0)])
+        variance = np.einsum("ak,kl,al->a", J, self.covariance, J)
+        return reach.max(axis=0), np.sqrt(np.maximum(variance, 0.0))
+
+    @property
+    def _ground(self) -> float:
+        """The height of the ground [m] from the origin of the body."""
+        return self.vertices[:, 2].min()
+
+    def _pressed(self, motion, wrench, weight) -> np.ndarray:
         """Return the centre of pressure (n, 2) [m] from the origin of the body."""
-        force, plane = wrench[:, :3], self.position[2] + ground
+        force, plane = wrench[:, :3], self.position[2] + self._ground
         moment = wrench[:, 3:] - np.cross([0.0, 0.0, plane], force)
         load = np.maximum(weight - force[:, 2], LIGHTEST * weight)
-        origin, turn = self.position[:2] + motion[:, :2], motion[:, 2]
-        c, s = np.cos(turn), np.sin(turn)
-        x, y = self.centre
-        mass = origin + np.stack([c * x - s * y, s * x + c * y], axis=1)
+        origin = self.position[:2] + motion[:, :2]
+        mass = np.stack(rotate_planar(motion[:, 2], *self.centre, origin.T), axis=1)
         carried = weight * mass + np.stack([moment[:, 1], -moment[:, 0]], axis=1)
         return carried / load[:, None] - origin
 

@@ -77,6 +77,11 @@ def planar_matrix(yaw: float) -> np.ndarray:
     return np.array([*rotate_planar(yaw, x, y), z])
 
 
+def rotation_matrix(x) -> np.ndarray:
+    """Return the rotation (3, 3) of one pose x, planar (3,) or free (6,)."""
+    return planar_matrix(x[2]) if is_planar(x) else matrices(x[:, None])[0]
+
+
 def is_planar(x) -> bool:
     """Return whether poses x (unknowns, T) are planar."""
     return len(x) == 3

@@ -7,14 +7,16 @@ import numpy as np
 import trimesh
 from matplotlib.colors import LightSource
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from ..common.brief import MM_PER_M
+from ..common.layout import has_volume
 from ..common.validation import checked_array, checked_unit, numbers_of
 from ..data.trajectories import QUATERNION_TOLERANCE
 from ..errors import OptionError
 from ..evaluation.metrics import TrueBody
+from ..geometry.convex_hull import hull_vertices
 from ..geometry.transforms import rotation_of
 from .faces import faces_at, faces_of_hull
 from .style import (
@@ -214,13 +216,12 @@ def _corners_of(truth: dict) -> np.ndarray:
     if "vertices" in truth:
         where = "truth.vertices"
         corners = checked_array(where, truth["vertices"], "V", 3, unit="[m]")
-        try:
-            return corners[ConvexHull(corners).vertices]
-        except (QhullError, ValueError) as bad:
-            raise OptionError(
-                "the body has no volume", where=where, got=f"shape {corners.shape}",
-                expected="vertices (V, 3) [m] that are not in a plane",
-            ) from bad  # fmt: skip
+        if has_volume(corners):
+            return hull_vertices(corners)
+        raise OptionError(
+            "the body has no volume", where=where, got=f"shape {corners.shape}",
+            expected="vertices (V, 3) [m] that are not in a plane",
+        )  # fmt: skip
     where, of = "truth.side_lengths", {"unit": "[m]", "positive": True}
     sides = numbers_of(where, truth["side_lengths"], OptionError, 3, **of)
     return (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5) * sides

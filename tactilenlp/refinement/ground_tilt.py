@@ -18,9 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from formulations.finger_turn import TURN_SIGMA
 from formulations.names import FINGER_TURN
-from formulations.rigid_body import PLANAR
 
-from ..geometry.transforms import matrices, rotvecs, rotvecs_back
+from ..geometry.transforms import is_planar, matrices, rotvecs, rotvecs_back
 from ..information.consider_parameters import ground_tilt
 from ..information.mixture import occam_of
 from ..local.local_solve import continuation, warm_started
@@ -66,7 +65,7 @@ def with_ground_for_turns(solves) -> list[Solved]:
     if not job.fixes("level"):
         return solves
     ground = job.scene.ground.turned(_common_turn(best), _below_first_touches(best))
-    moved = _moved_to(ground, best)
+    moved = moved_to(ground, best)
     leans = continuation(moved.job.with_reductions(aligned=True), moved)
     if leans is None or not leans.solution.success:
         return solves
@@ -124,11 +123,11 @@ def _below_first_touches(solved: Solved):
 
 def _solved_on_ground(ground, solved: Solved) -> Solved:
     """Solve a page again on another ground, from its solution."""
-    moved = _moved_to(ground, solved)
+    moved = moved_to(ground, solved)
     return warm_started(moved.job, moved)
 
 
-def _moved_to(ground, solved: Solved) -> Solved:
+def moved_to(ground, solved: Solved) -> Solved:
     """Return a solve of a body that lies on another ground as it does on its own.
 
     The frame of the ground moves with it, the farther the world's origin is from the
@@ -141,9 +140,9 @@ def _moved_to(ground, solved: Solved) -> Solved:
     turns = job.shape.of_vertices  # about the last pose, whose axes are the ground's
 
     def moved(x):
-        height = x[2] if len(x) > len(PLANAR.scale) else np.zeros(x.shape[1])
+        height = np.zeros(x.shape[1]) if is_planar(x) else x[2]
         p = ground.to_ground(old.from_ground(np.stack([*x[:2], height], axis=1)))
-        if len(x) == len(PLANAR.scale):
+        if is_planar(x):
             return np.vstack([p[:, :2].T, x[2] if turns else x[2] + yaw])
         R = spin * Rotation.from_matrix(matrices(x))
         R, vectors = (R * spin.inv(), rotvecs_back) if turns else (R, rotvecs)

@@ -5,33 +5,23 @@ z is theta and the unknowns of a pose: planar (3,) or free (6,), ground frame.
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from formulations.rigid_body import FREE, PLANAR
-
 from ..geometry.support import Standing, settling
+from ..geometry.transforms import rotation_matrix
 from ..problem.poses import body_corners
-from .surface import body_surface
+from .surface import body_surface, pose_of
 
 SLOPE_STEP = 1e-6  # [m], [rad] of the differences by which vertices move with unknowns
 
 
-def pose_of(shape, z) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a body z (theta, pose) is: its origin (3,) [m], rotation (3, 3)."""
-    theta, x = np.split(z, [shape.theta])
-    motion = FREE if len(x) > len(PLANAR.scale) else PLANAR
-    p, R = (ca.DM(v).full() for v in motion.pose(shape, ca.DM(theta), ca.DM(x)))
-    return p[:, 0], R
-
-
 def lying(shape, z) -> np.ndarray:
     """Return a body of a free pose, z (theta, pose), as it lies once it is let go."""
-    p, R = pose_of(shape, z)
-    turn, p = settling(solid_points(shape, z[: shape.theta]) @ R.T, p)
-    turned = Rotation.from_matrix(turn @ R).as_rotvec()
-    return np.r_[z[: shape.theta], p, turned]
+    theta, x = np.split(z, [shape.theta])
+    p, R = pose_of(shape, theta, x)
+    turn, p = settling(solid_points(shape, theta) @ R.T, p)
+    return np.r_[theta, p, Rotation.from_matrix(turn @ R).as_rotvec()]
 
 
 def solid_points(shape, theta) -> np.ndarray:
@@ -49,14 +39,13 @@ def standing_of(shape, z, covariance, centre) -> Standing:
     centre (3,) [m]: of mass, from the centroid, body frame.
     """
     (theta, x), n = np.split(z, [shape.theta]), shape.theta
-    p, R = pose_of(shape, z)
+    p, R = pose_of(shape, theta, x)
     body = solid_points(shape, theta)
     slopes = np.zeros((len(body), 3, len(z)))
     for i, step in enumerate(SLOPE_STEP * np.eye(n)):
         ends = (solid_points(shape, theta + d) for d in (step, -step))
         slopes[:, :, i] = np.subtract(*ends) @ R.T / (2 * SLOPE_STEP)
     for i, step in enumerate(SLOPE_STEP * np.eye(len(x)), n):
-        _, more = pose_of(shape, np.r_[theta, x + step])
-        _, less = pose_of(shape, np.r_[theta, x - step])
-        slopes[:, :, i] = body @ (more - less).T / (2 * SLOPE_STEP)
+        turned = rotation_matrix(x + step) - rotation_matrix(x - step)
+        slopes[:, :, i] = body @ turned.T / (2 * SLOPE_STEP)
     return Standing(body @ R.T, p, (R @ centre)[:2], slopes[:, :2], covariance)

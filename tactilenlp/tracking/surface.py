@@ -13,7 +13,7 @@ import numpy as np
 from formulations.shape_check import directions
 
 from ..errors import TactileError
-from ..geometry.transforms import is_planar, matrices, planar_matrix
+from ..geometry.transforms import is_planar, rotation_matrix
 
 MESH_RAYS = 642  # of a sphere of 25 mm, facets are then within 0.15 mm
 OUTLINE_RAYS = 200  # that are enough to compare bodies
@@ -75,13 +75,17 @@ def trajectory_outline(shape, h, every: int) -> np.ndarray:
 
 def supports(shape, h, sample: int) -> np.ndarray:
     """Return the support function (38,) [m] of a body at a sample, ground frame."""
-    x = h.x[:, sample]
-    p = np.r_[x[:2], float(shape.rest_height(h.theta))] if is_planar(h.x) else x[:3]
-    points = body_surface(shape, h.theta, OUTLINE_RAYS) @ rotation_at(h, sample).T + p
+    p, R = pose_of(shape, h.theta, h.x[:, sample])
+    points = body_surface(shape, h.theta, OUTLINE_RAYS) @ R.T + p
     return (EVERYWHERE @ points.T).max(axis=1)
+
+
+def pose_of(shape, theta, x) -> tuple[np.ndarray, np.ndarray]:
+    """Return the origin (3,) [m] and rotation (3, 3) of a pose x, planar or free."""
+    p = np.r_[x[:2], float(shape.rest_height(theta))] if is_planar(x) else x[:3]
+    return p, rotation_matrix(x)
 
 
 def rotation_at(h, sample: int) -> np.ndarray:
     """Return the rotation (3, 3) of a body at a sample, planar or free."""
-    x = h.x[:, sample]
-    return planar_matrix(x[2]) if is_planar(h.x) else matrices(x[:, None])[0]
+    return rotation_matrix(h.x[:, sample])
