@@ -42,7 +42,6 @@ COLOURS = {
 CLOSE, SIGMAS = 1e-3, 5.0  # [m], [-]: an error beyond both is a confident wrong answer
 RULE = "right to 1 mm, or no error beyond 5 sigma"
 GROWING = "inverse_dynamics"  # kept for comparison: may overflow, if it says so
-UNTOLD = ("polytope",)  # ways of which no gain is expected: refused, with a typed error
 ACTIONS = 5  # whose expected gain is asked for
 
 WAYS = {  # name -> shape, formulation

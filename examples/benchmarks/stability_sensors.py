@@ -10,6 +10,12 @@ from stability_scenes import noisy, recorded
 
 LATE = 1e-3  # [s] after which a sample comes a second time
 BLIND = 10  # samples that are lost in a row, a third of a second
+FAST = 120.0  # [Hz] of a record of which some samples are taken
+STEPS = {  # fewest and most of its steps between two samples
+    "10 to 20 ms": (1, 2), "10 to 60 ms": (1, 7), "30 to 130 ms": (4, 16),
+    "15 Hz, then 60 Hz": (2, 8), "since 1970": (4, 4),
+}  # fmt: skip
+EPOCH = 1.7e9  # [s]
 
 
 def normals(value: str) -> Case:
@@ -41,6 +47,11 @@ def repeated(value: str) -> Case:
     rows = np.sort(np.r_[every, every[5::10]])
     again = np.r_[False, np.diff(rows) == 0]
     time = case.data.time[rows] + LATE * again * (value == "a moment later")
+    return of_samples(case, rows, time)
+
+
+def of_samples(case: Case, rows, time) -> Case:
+    """Return the case of some of its samples, at other times (n,) [s]."""
     arrays = {
         name: array[rows] for name, array in vars(case.data).items()
         if name not in ("time", "finger_radius") and array is not None
@@ -50,6 +61,19 @@ def repeated(value: str) -> Case:
         quaternion=case.truth.quaternion[rows],
     )  # fmt: skip
     return replace(case, data=replace(case.data, time=time, **arrays), truth=truth)
+
+
+def times(value: str) -> Case:
+    """Sample at uneven times, or count them from long ago: of a record at FAST."""
+    case, rng = recorded(rate=FAST), np.random.default_rng(0)
+    n, (least, most) = case.data.samples, STEPS[value]
+    steps = rng.integers(least, most + 1, size=n)
+    if value == "15 Hz, then 60 Hz":
+        steps = np.where(np.arange(n) < n / 2 / most, most, least)
+    rows = np.cumsum(steps)
+    rows = rows[rows < n]
+    since = EPOCH if value == "since 1970" else 0.0
+    return of_samples(case, rows, case.data.time[rows] + since)
 
 
 def stuck(value: str) -> Case:
@@ -116,6 +140,11 @@ AXES = (
         "samples twice", RULE, ("same time", "a moment later"), estimated(repeated),
         {"cuboid": True, "polytope": True},
         may_refuse=(("same time", "*"),),  # two samples of one instant: no velocity
+    ),
+    Axis(
+        "times", RULE, tuple(STEPS), estimated(times),
+        {"cuboid": True, "polytope": ("10 to 60 ms", "since 1970"),
+         "complementarity": ("10 to 60 ms",)},
     ),
     Axis(
         "stuck sensor", RULE,

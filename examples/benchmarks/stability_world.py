@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 from stability_judge import RULE, Axis, Case, estimated
 from stability_scenes import SIDES, act, box, case_of, move, reach, recorded, turned
 
+from tactilenlp import Ground
+from tactilenlp.geometry.transforms import quaternion_of, rotation_of
+
 EASY = 0.03  # [m] that a finger travels to or past a face
 GRAZE = 0.2e-3  # [m] by which a grazing finger overlaps a face
+PLACE = 0.5, 0.3  # [m] where the ground's frame is, in x and y
 
 
 def friction(value: str) -> Case:
@@ -35,6 +42,26 @@ def restitution(value: str) -> Case:
 
 def rate(value: str) -> Case:
     return recorded(3, rate=float(value.split("/")[1].split()[0]))
+
+
+def leaning(value: str) -> Case:
+    """Turn the world about a place far from its origin: the ground leans, told or not.
+
+    It is told to pass through that place.
+    """
+    case, (lean, told, up) = recorded(), GROUNDS[value]
+    true, known = (Rotation.from_rotvec([0, np.radians(a), 0]) for a in (lean, told))
+    place, normal = np.array([*PLACE, up]), known.as_matrix()[:, 2]
+    turned = true * rotation_of(case.truth.quaternion)
+    truth = replace(
+        case.truth, position=true.apply(case.truth.position) + place,
+        quaternion=quaternion_of(turned),
+    )  # fmt: skip
+    ground = Ground(float(normal @ place), tuple(normal))
+    return replace(
+        case, data=case.data.transformed(true.as_matrix(), place), truth=truth,
+        scene=replace(case.scene, ground=ground),
+    )  # fmt: skip
 
 
 def contacts(value: str) -> Case:
@@ -102,6 +129,12 @@ CONTACTS = {
     "last sample": last_sample, "two fingers on a face": one_face,
 }  # fmt: skip
 
+GROUNDS = {  # [deg, deg, m]: how far the ground leans, is told to lean, and is up
+    "leans 2 deg": (2, 0, 0.0), "leans 4 deg": (4, 0, 0.0),
+    "0.8 m up, leans 3 deg": (3, 0, 0.8), "told 20 deg": (20, 20, 0.3),
+    "told 20 deg, leans 22": (22, 20, 0.3),
+}  # fmt: skip
+
 AXES = (
     Axis(
         "time step", RULE, ("1/15 s", "1/30 s", "1/60 s", "1/120 s", "1/1020 s"),
@@ -130,6 +163,11 @@ AXES = (
         "object size", RULE, ("1 cm", "2 cm", "10 cm", "20 cm", "30 cm"),
         estimated(size),
         {"cuboid": True, "polytope": ("2 cm", "10 cm"), "shooting": ("2 cm", "10 cm")},
+    ),
+    Axis(
+        "ground", RULE, tuple(GROUNDS), estimated(leaning),
+        {"cuboid": True, "polytope": ("0.8 m up, leans 3 deg", "told 20 deg"),
+         "shooting": ("told 20 deg",)},
     ),
     Axis(
         "restitution", RULE, ("0.1", "0.3", "0.5"), estimated(restitution),
