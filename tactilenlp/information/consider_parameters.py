@@ -284,14 +284,16 @@ def _by_derivatives(kkt, slope, pull, bend, prior: Prior) -> ConsiderParameter:
     """Return what the touches tell of r (d,).
 
     By derivatives of the touch cost by r: slope (unknowns, d) of its gradient, pull
-    (d,) its negative first, bend (d, d) its second one.
+    (d,) its negative first, bend (d, d) its second one.  Where the objective does not
+    bend upwards, a step to its least value has no end: touches tell nothing.
     """
     of_prior = 1 / prior.deviation**2
     by_touches = bend + slope.T @ np.stack([kkt.moved(b) for b in slope.T], axis=1)
     values, vectors = np.linalg.eigh((by_touches + by_touches.T) / 2)
+    told = vectors @ np.diag(values > 0) @ vectors.T
     values = np.maximum(values, 0.0) + of_prior
     information = (vectors * values) @ vectors.T
-    mean = np.linalg.solve(information, pull + of_prior * prior.mean)
+    mean = np.linalg.solve(information, told @ pull + of_prior * prior.mean)
     mean = np.clip(mean, prior.least, prior.most)
     known = ConsiderParameter(slope, mean, information, prior.odds)
     share = prior.deviation ** len(mean) * np.sqrt(np.prod(values))
