@@ -118,7 +118,7 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
     corners: friction.Impulses of every corner; resting: the part of the body that each
     resting corner sees, by default all of it.
     """
-    step, corner, lift, rest = window.step, window.corner, window.lift, window.rest
+    step, corner, lift = window.step, window.corner, window.lift
     lam, w, kappa = corners.lam, corners.w, nlp.parameters["kappa"]
     if lam.rows > 1:
         of = corners.part(theta, slice(None))
@@ -134,9 +134,20 @@ def add(nlp, window, ground, theta, x, corners, resting=None):
         "ground complementarity", ground.complementarity, of, now, at, w[first], kappa,
         role="physics",
     )  # fmt: skip
-    at = at._replace(lam=None)
-    nlp.subject_to(GROUND_GAP, ground.above, of, now, at, lower=-ROOM, per=lam)
-    of = corners.part(theta, slice(len(rest))) if resting is None else resting
-    at = Corner(None, None, rest.signs)
-    nlp.minimize("rest", ground.rest, of, x[:, rest.pose], at, role="physics")
+    if resting is None:
+        resting = corners.part(theta, slice(len(window.rest)))
+    add_support(nlp, window, ground, of, resting, x, lam)
     nlp.report(GROUND_IMPULSE, ground.impulse, lam)
+
+
+def add_support(nlp, window, ground, lifting, resting, x, lam=None):
+    """Add gap and rest, where the body can lift: the ground carries it.
+
+    lifting, resting: the parts of the body that corners of window.lift and window.rest
+    see; lam: impulses there, by which rows of the constraint are named.
+    """
+    step, lift, rest = window.step, window.lift, window.rest
+    now, at = x[:, step.pose[lift.step]], Corner(None, None, lift.signs)
+    nlp.subject_to(GROUND_GAP, ground.above, lifting, now, at, lower=-ROOM, per=lam)
+    now, at = x[:, rest.pose], Corner(None, None, rest.signs)
+    nlp.minimize("rest", ground.rest, resting, now, at, role="physics")

@@ -18,7 +18,8 @@ class PageContract:
     levels:     tuple of Level, solved one after another
     rough:      levels from guessed poses, which may be centimetres off; none by default
     freed:      names of assumptions that are given up where touches cost too much:
-                reductions, "level": the ground leans, or "prompt": sensors are late
+                reductions, "level": the ground leans, or "prompt": sensors are late;
+                "rigid", "central" and "aligned" are kept by pages without the name
     reductions: True or False by name, of those that the page requires or forbids
     offsets:    whether `build` begins with `displaced`, so that Scene(sigma_offset=...)
                 can be used

@@ -6,6 +6,8 @@ r"""Poses and shape with minimal motion, no impulses: the cheap first stage.
        + (3 + n) / 2 log(1 + |(theta - mean) / deviation|^2 / (3 + n))  (size_prior.py)
        + sum_steps  weight (sqrt(way^2 + WAY_EPS^2) - WAY_EPS)        (least motion)
        + sum_f      |e_f|^2 / (2 sigma^2)     where unknown      (finger_offset.py)
+       + sum_corners rest(z)                  free motion       (ground_contact.py)
+    s.t. height of every corner >= 0          free motion       (ground_contact.py)
     over theta, x_k; where unknown also e_f
 
 Least motion stands for quasi-static dissipation: an object that is pushed moves no more
@@ -21,6 +23,7 @@ import casadi as ca
 
 from .between_actions import add_fixed_width, way_squared
 from .finger_offset import displaced
+from .ground_contact import GroundContact, add_support
 from .level import Level
 from .likelihood import add_free, add_touches
 from .rigid_body import PLANAR, declare_poses
@@ -49,6 +52,7 @@ def build(nlp, window, scene, shape):
     add_free(nlp, window, shape, theta, x)
     add_fixed_width(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
+    add_support(nlp, window, GroundContact(shape, window.motion), theta, theta, x)
     add_least_motion(nlp, window, shape, theta, x)
 
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formulations.page_contract import contract_of
-
 from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..data.ground import Ground, frame_of
@@ -124,7 +122,8 @@ def checked_request(scene, shape, formulation, options, executor) -> tuple:
         shape = replace(shape, counts=())
     page = page_of(formulation, shape)
     check_page(page, shape, scene)
-    stated = [n for n in options.without if contract_of(page).reductions.get(n)]
+    made = required_reductions(page, options.reductions)
+    stated = [name for name in options.without if getattr(made, name)]
     if stated:
         log.warning("the page %s states %s: Options(without=...) does not change that",
                     name_of(page), ", ".join(stated))  # fmt: skip

@@ -281,9 +281,9 @@ OF_SOLVE = tuple(f.name for f in fields(Solution) if f.name in Estimate.__annota
 def solution_of(estimate: Estimate, page) -> Solution:
     """Return the solution of a page that an estimate was read from."""
     solved = {name: getattr(estimate, name) for name in OF_SOLVE}
-    return Solution(
-        values=estimate.unknowns, parameters=page.LEVELS[-1].parameters, **solved
-    )
+    values, last = estimate.unknowns, page.LEVELS[-1]
+    held = {name: np.ones(values[name].shape, bool) for name in last.fixed}
+    return Solution(values=values, parameters=last.parameters, held=held, **solved)
 
 
 ESTIMATE_CLASSES = {  # what a file of an estimate is made of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -60,14 +61,28 @@ class Session:
         if getattr(start, "origin", None) not in self._by_origin:
             return FunctionsByPage()
         solved_as, functions = self._by_origin[start.origin]
-        # A page that was edited and reloaded has another `build`.
-        same = solved_as == (scene.as_told, shape, page.build)
+        same = solved_as == _solved_as(scene, shape, page)
         return functions if same else FunctionsByPage()
 
     def keep(self, estimate, job) -> None:
         """Keep the term functions of a job for solves that start from its estimate."""
-        solved_as = job.scene.as_told, job.shape, job.page.build
+        solved_as = _solved_as(job.scene, job.shape, job.page)
         self._by_origin[estimate.origin] = solved_as, job.functions
+
+
+def _solved_as(scene, shape, page) -> tuple:
+    """Return what term functions depend on.
+
+    A page that was edited and reloaded has another `build`; a constant or a function of
+    its module, or of a shipped page, may have been replaced as well.
+    """
+    name = getattr(page.build, "__module__", None)
+    used = [n for n in sys.modules if n == name or n.startswith("formulations.")]
+    edited = [
+        (key, value if isinstance(value, (int, float, str)) else id(value))
+        for n in sorted(used) for key, value in vars(sys.modules[n]).items()
+    ]  # fmt: skip
+    return scene.as_told, shape, page.build, tuple(edited)
 
 
 PROCESS = Session()  # the default session: one in every process

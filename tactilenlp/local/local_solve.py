@@ -108,8 +108,9 @@ def transfer_solution(past: Solved, built: BuiltPage) -> Solution:
     """
     values, bounds, multipliers = transferred_values(past, built.window, built.problem)
     return replace(
-        past.solution, values=values, bound_multipliers=bounds, multipliers=multipliers
-    )
+        past.solution, values=values, bound_multipliers=bounds, multipliers=multipliers,
+        held={},
+    )  # fmt: skip
 
 
 def warm_started(

@@ -218,7 +218,7 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
     lower, upper = problem.limits("lower"), problem.limits("upper")
     slack = np.minimum(g - lower, upper - g)
     rows = _classified(np.abs(multipliers), slack, lower == upper)
-    held = _active_bounds(problem, x, bounds)
+    held = _active_bounds(problem, x, bounds, solution.held)
     terms, variables = problem.constraints.items(), problem.variables.items()
     spans = {name: term.span for name, term in terms}
     of_bounds = {f"bounds of {name}": variable.span for name, variable in variables}
@@ -244,11 +244,17 @@ def _counts(chosen, spans) -> dict[str, int]:
     return {name: int(chosen[span].sum()) for name, span in spans.items()}
 
 
-def _active_bounds(problem, x, multipliers) -> tuple[np.ndarray, np.ndarray]:
-    """Return masks (unknowns,) of the active bounds and of the ambiguous ones."""
+def _active_bounds(problem, x, multipliers, held) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (unknowns,) of the active bounds and of the ambiguous ones.
+
+    held: masks by name of the unknowns that the solve held, as bounds would.
+    """
     lower, upper = problem.bounds("lower"), problem.bounds("upper")
     slack = np.minimum(x - lower, upper - x) / problem.scale
-    return _classified(np.abs(multipliers) * problem.scale, slack, lower == upper)
+    equal = lower == upper
+    for name, mask in held.items():
+        equal[problem.variables[name].span] |= mask.T.ravel()
+    return _classified(np.abs(multipliers) * problem.scale, slack, equal)
 
 
 def _classified(multiplier, slack, equal) -> tuple[np.ndarray, np.ndarray]:

@@ -71,11 +71,17 @@ class Reductions:
 
 
 REDUCTION_NAMES = tuple(f.name for f in fields(Reductions))
+OF_NUISANCES = "rigid", "central", "aligned"  # kept by pages without the unknowns
 
 
 def required_reductions(page, reductions: Reductions) -> Reductions:
-    """Return the reductions, those that a page requires switched on or off."""
-    return replace(reductions, **contract_of(page).reductions)
+    """Return the reductions, those that a page requires switched on or off.
+
+    It requires those OF_NUISANCES that it does not name in FREED.
+    """
+    contract = contract_of(page)
+    taken = {name: True for name in OF_NUISANCES if name not in contract.freed}
+    return replace(reductions, **taken | contract.reductions)
 
 
 def states_planar_motion(page) -> bool:

@@ -46,8 +46,9 @@ class Solution:
     `values` by variable name, SI, (rows, columns); `costs` by term, summed over the
     instances; `violations` by constraint, the largest; `multipliers` by constraint,
     (instances, rows), and of the bounds by variable name, (rows, columns), SI.
-    `progress` by iteration, as IPOPT says: level, objective, primal and dual
-    infeasibility, barrier.
+    `held` by variable name, masks (rows, columns) of the unknowns that it held fixed,
+    without those of which it held none.  `progress` by iteration, as IPOPT says: level,
+    objective, primal and dual infeasibility, barrier.
     """
 
     values: dict[str, np.ndarray]
@@ -67,6 +68,7 @@ class Solution:
     solver: str = ""
     stationarity: float = math.nan
     complementarity: float = math.nan
+    held: dict[str, np.ndarray] = field(default_factory=dict)
 
     def at(self, problem) -> tuple[np.ndarray, np.ndarray]:
         """Return all unknowns and all data of a problem, as vectors, SI."""
@@ -116,8 +118,16 @@ def recomputed(
         evaluations=int(stats.get("n_call_nlp_f", 0)),
         seconds=seconds,
         progress=_progress(stats),
+        held={} if bounds is None else _held(problem, bounds),
         **errors,
     )
+
+
+def _held(problem, bounds) -> dict[str, np.ndarray]:
+    """Return masks, by name, of unknowns that bounds (lower, upper) alone hold."""
+    fixed = problem.bounds("lower") == problem.bounds("upper")
+    masks = problem.unpack((bounds[0] == bounds[1]) & ~fixed)
+    return {name: mask for name, mask in masks.items() if mask.any()}
 
 
 def _kkt_errors(problem, x, data, lam_g, lam_x, bounds) -> dict:
