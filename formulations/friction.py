@@ -60,10 +60,11 @@ def impulses(nlp, name, count, scale, normal=0.0, frictionless=(), most=ca.inf):
     """Declare the impulses (normal, t1, t2) [N s] of `count` contacts, as columns.
 
     normal: guess of the normal one; scale: of all [N s]; frictionless: the names of
-    contacts without friction, which have the normal one alone; most: bound of that.
+    contacts without friction, which have the normal one alone; most: bound of that, of
+    all or of each.
     """
     rows = 1 if name in frictionless else 3
-    lower, upper = [0, -ca.inf, -ca.inf], [most, ca.inf, ca.inf]
+    lower, upper = [0, -ca.inf, -ca.inf], [most, most + ca.inf, most + ca.inf]
     guess = [normal, 0 * normal, 0 * normal]
     return nlp.variable(
         name, rows, count, lower=lower[:rows], upper=upper[:rows],

@@ -8,7 +8,8 @@ r"""eq:loss_const by multiple shooting: every pose an unknown, every step a cons
 Contact is what f computes: a finger also pushes where it felt nothing.  So no sample
 may be left out, and no poses may be merged (REDUCTIONS).  The noise of finger positions
 enters f as it is, and fingertips are rigid.  f is rounded over v_eps, which each level
-reduces.
+reduces.  x_{t-1} stands for where the body came from at its speed before, had that step
+been as long as this one (`coming`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .between_actions import add_coasting
 from .friction import friction
 from .level import Level
 from .likelihood import add_free, add_touches
-from .names import FINGER_FRICTION, FINGER_IMPULSE, GROUND_FRICTION, RESPONSE
+from .names import EXACT, FINGER_FRICTION, FINGER_IMPULSE, GROUND_FRICTION, RESPONSE
 from .rigid_body import G, declare_poses, momentum_change, steps_of, uniform
 from .size_prior import add_size_prior, declare_sizes
 from .sliding_contact import Pusher
@@ -55,20 +56,37 @@ def build(nlp, window, scene, shape):
     v_eps = nlp.parameter("speed rounding", STEP_V_EPS, "m/s")
     step, push = window.step, window.push
 
-    def response(*step):
-        return ca.diag(1 / x.scale) @ body.impulse_response(*step)
+    def motion(theta, x_1, x_2, dt, dt_1, *more):
+        return body.step(theta, x_1, coming(x_1, x_2, dt, dt_1), dt, *more)
+
+    def response(x_t, theta, x_1, x_2, dt, dt_1, *more):
+        begun = theta, x_1, coming(x_1, x_2, dt, dt_1), dt, *more
+        return ca.diag(1 / x.scale) @ body.impulse_response(x_t, *begun)
+
+    def remaining(x_t, theta, x_1, x_2, dt, dt_1, mu, mu_g, v_eps, *more):
+        begun = theta, x_1, coming(x_1, x_2, dt, dt_1), dt, mu, mu_g, *more
+        return ca.norm_inf(body.imbalance(x_t, v_eps, *begun))
 
     for count, g in window.groups.items():
         s, at = g.steps, g.pushes.T
         fingers = [Pusher(push.p_wf[j], push.p_wf_1[j], push.radius[j]) for j in at]
         name, end = f"motion, {count} fingers", x[:, step.pose[s]]
         begun = (
-            theta, x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s], mu, mu_g,
-            v_eps, *fingers,
+            theta, x[:, step.before[s]], x[:, step.before_2[s]], step.dt[s],
+            step.dt_1[s], mu, mu_g, v_eps, *fingers,
         )  # fmt: skip
-        nlp.follow(name, body.step, *begun, gives=end)
+        nlp.follow(name, motion, *begun, gives=end)
         nlp.report(name + RESPONSE, response, end, *begun)
+        nlp.report(name + EXACT, remaining, end, *begun)
     reports(nlp, window, scene, shape, body, theta, x, mu)
+
+
+def coming(x_1, x_2, dt, dt_1):
+    """Return the pose from which a body would come to x_1 in dt, as from x_2 in dt_1.
+
+    Exactly x_2 where both steps are as long.
+    """
+    return x_2 + (1 - dt / dt_1) * (x_1 - x_2)
 
 
 def reports(nlp, window, scene, shape, body, theta, x, mu):
@@ -78,9 +96,9 @@ def reports(nlp, window, scene, shape, body, theta, x, mu):
     def pushed(step, mu, v_eps, pusher):
         return push_of(body, step, mu, v_eps, pusher)[1]
 
-    def whole(theta, x, x_1, x_2, dt):
+    def whole(theta, x, x_1, x_2, dt, dt_1):
         poses = [window.motion.pose(shape, theta, c) for c in (x, x_1, x_2)]
-        linear, _ = momentum_change(uniform(shape, theta), poses, dt)
+        linear, _ = momentum_change(uniform(shape, theta), poses, dt, dt_1)
         return scene.mass * (linear + ca.vertcat(0, 0, scene.gravity * dt))
 
     now = steps_of(step, theta, x, scene.mass * G * step.dt[push.step], push.step)
@@ -88,5 +106,5 @@ def reports(nlp, window, scene, shape, body, theta, x, mu):
     nlp.report(FINGER_IMPULSE, pushed, now, mu, v_eps, finger)
     nlp.report(
         "impulse", whole, theta, x[:, step.pose], x[:, step.before],
-        x[:, step.before_2], step.dt,
+        x[:, step.before_2], step.dt, step.dt_1,
     )  # fmt: skip

@@ -24,10 +24,15 @@ LAM_MAX = 2.0  # [weights] of the normal impulse of one contact
 def impulses(nlp, window, scene, shape):
     """Declare the impulses (normal, t1, t2) [N s] of fingers and ground."""
     step, push, corner = window.step, window.push, window.corner
-    size = scene.mass * G * (step.dt.mean() if len(step) else 1.0)  # [N s]
-    most, load = LAM_MAX * size, size / len(shape.corners)
-    lam = friction.impulses(nlp, FINGER, len(push), size, size / 10, most=most)
-    return lam, friction.impulses(nlp, GROUND, len(corner), size, load, most=most)
+    w = scene.mass * G * step.dt  # [N s]
+    size = w.mean() if len(step) else 1.0
+    most, load = LAM_MAX * w, size / len(shape.corners)
+    lam = friction.impulses(
+        nlp, FINGER, len(push), size, size / 10, most=most[push.step]
+    )
+    return lam, friction.impulses(
+        nlp, GROUND, len(corner), size, load, most=most[corner.step]
+    )
 
 
 def maximum_dissipation(nlp, name, velocity, now, at):

@@ -44,7 +44,7 @@ class Physics:
 
     def unpredicted(self, step, deviation, *contacts):
         """Return |x_t - f(x_{t-1}, lam_t, r_t)|^2 over 2 deviation^2."""
-        theta, x, x_1, dt, _, x_2, _ = step
+        theta, x, x_1, dt, _, x_2, dt_1 = step
         poses = (self.motion.pose(self.shape, theta, c) for c in (x, x_1, x_2))
         (p, R), (p_1, R_1), (p_2, R_2) = poses
         force, moment = ca.DM.zeros(3), ca.DM.zeros(3)
@@ -52,9 +52,9 @@ class Physics:
             force += c.impulse
             moment += ca.cross(c.point - p, c.impulse)
         m, g = self.scene.mass, ca.vertcat(0, 0, -self.scene.gravity)
-        p_f = p_1 + (p_1 - p_2) + (force / m + g * dt) * dt
+        p_f = p_1 + dt / dt_1 * (p_1 - p_2) + (force / m + g * dt) * dt
         J = R_1 @ ca.densify(self.shape.inertia(theta)) @ R_1.T
-        d_1 = turn(R_1, R_2)
+        d_1 = dt / dt_1 * turn(R_1, R_2)
         d = d_1 + ca.inv_minor(J) @ (dt * moment / m - ca.cross(d_1, J @ d_1))
         turn_squared = ca.sumsqr(R - rotation(d) @ R_1) / 2
         return (ca.sumsqr(p - p_f) + ARM**2 * turn_squared) / (2 * deviation**2)

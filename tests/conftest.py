@@ -64,8 +64,9 @@ def _replace_the_default_cache(patch):
 
     patch.setattr(term_functions, "_default", term_functions.TermFunctionCache())
     patch.setattr(
-        term_functions, "start_compilation", lambda functions, *_: lambda: functions
-    )
+        term_functions, "start_compilation",
+        lambda functions, *_: term_functions.Compiling(functions),
+    )  # fmt: skip
     return term_functions.default_cache()
 
 

@@ -2,12 +2,15 @@
 
 import multiprocessing
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import casadi as ca
 import pytest
 from cache_child import COMPILED, LONGEST
 
+from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.nlp import codegen, compilation
+from tactilenlp.nlp.term_functions import TermFunctionCache
 
 pytestmark = [
     pytest.mark.skipif(codegen.compiler() is None, reason="no C compiler here"),
@@ -75,3 +78,39 @@ def test_only_gcc_is_told_to_leave_out_its_passes(tmp_path, monkeypatch):
         assert told >= {*codegen.FLAGS}
         assert ("gcc" in name) == (told >= {*codegen.UNUSED_PASSES})
         assert ("gcc" in name) == bool(told & {*codegen.UNUSED_PASSES})
+
+
+def power(cache, k: int, deadline=NEVER):
+    """Return a part of a term function of |z|^k, compiled if that is possible."""
+    term = cache.of(lambda z: ca.sumsqr(z) ** (k / 2), [3], [("z", 3)], deadline)
+    return term.part("second").class_name()
+
+
+def test_an_interrupted_compilation_is_begun_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cache = TermFunctionCache()
+    with monkeypatch.context() as patch:
+
+        def interrupted(*_):
+            raise KeyboardInterrupt
+
+        patch.setattr(compilation.Compilation, "_status", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            power(cache, 3)
+    assert not compilation._running
+    assert [power(cache, k) for k in (3, 5)] == [COMPILED, COMPILED]
+
+
+def test_two_threads_wait_for_one_compilation(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    term = TermFunctionCache().of(lambda z: ca.sumsqr(z) ** 3.5, [3], [("z", 3)])
+    with ThreadPoolExecutor(2) as pool:
+        parts = list(pool.map(term.part, ["second"] * 2))
+    assert [part.class_name() for part in parts] == [COMPILED] * 2
+
+
+def test_what_a_short_limit_left_uncompiled_is_compiled_later(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cache = TermFunctionCache()
+    assert power(cache, 7, Deadline.within(0.1)) != COMPILED
+    assert power(cache, 7) == COMPILED

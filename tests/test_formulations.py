@@ -13,6 +13,7 @@ from formulations import violation_implicit
 from formulations.finger import capsule
 from formulations.rigid_body import FREE
 from formulations.shape import CUBOID
+from tactilenlp import Options, solve_estimate
 from tactilenlp.data.measurements import Measurements
 from tactilenlp.data.scene import Scene
 from tactilenlp.problem.pages import FORMULATIONS, page_of
@@ -270,3 +271,17 @@ def raised(data):
     p = data.finger_position.copy()
     p[data.normal[..., 2] > 0.5] += [0, 0, 0.005]
     return replace(data, finger_position=p)
+
+
+@pytest.mark.slow
+def test_a_body_in_free_motion_stays_on_the_ground_without_impulses(recorded):
+    data, scene, _ = recorded
+    told = Options(without="planar", profile_likelihood=False)
+    estimate = solve_estimate(
+        data.select([0, 1]), scene, formulation="quasi_static", options=told
+    )
+    heights = [
+        estimate.mesh(t).vertices[:, 2].min()
+        for t in range(estimate.measurements.samples)
+    ]
+    assert np.abs(heights).max() < 0.5e-3

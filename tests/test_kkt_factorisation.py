@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from tactilenlp.nlp.kkt import LEAST_CURVATURE, factorise
+from tactilenlp import Problem
+from tactilenlp.nlp.kkt import LEAST_CURVATURE, factorise, kkt_system_of
+from tactilenlp.solvers.solve import solve
 
 
 def chain(samples: int, shared: int, seed: int = 0):
@@ -49,3 +51,17 @@ def test_a_factorised_chain_answers_like_the_dense_matrix(shared):
 def test_factors_grow_as_the_samples_do():
     entries = [factorise(*chain(samples, 4)).core.nnz for samples in (100, 400)]
     assert entries[1] < 4.5 * entries[0]
+
+
+def test_an_unknown_that_a_solve_held_does_not_vary():
+    nlp = Problem()
+    u = nlp.variable("u", 2, guess=0.0, unit="m", scale=1.0)
+    nlp.minimize(
+        "cost", lambda u: 50 * ((u[0] - u[1]) ** 2 + (u[1] - 3) ** 2), u, role="prior"
+    )
+    held = solve(nlp, start={"u": [[1.0], [2.0]]}, fixed=(np.array([0]),))
+    assert held.held["u"].ravel().tolist() == [True, False]
+    kkt = kkt_system_of(nlp, held)
+    np.testing.assert_allclose(kkt.marginal("u"), [[0, 0], [0, 0.005]], atol=1e-9)
+    assert kkt.active["bounds of u"] == 1
+    assert not solve(nlp).held

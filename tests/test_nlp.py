@@ -162,7 +162,7 @@ def declare(problem):
         (lambda p: declare(p)[:, 3], "y: no such columns"),
         (
             lambda p: p.minimize("a", ca.sumsqr, declare(p), role="weight"),
-            "a: unknown role: expected one of .*likelihood.* got weight",
+            "a: unknown role: expected one of .*likelihood.*got .weight",
         ),
         (
             lambda p: p.minimize("a", lambda y: y, declare(p), role="prior"),

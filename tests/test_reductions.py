@@ -17,7 +17,13 @@ from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.local.transfer import transferred_values
 from tactilenlp.nlp.term_functions import TermFunctionCache
 from tactilenlp.problem.missing_samples import possible_contact
-from tactilenlp.problem.reductions import Reductions, may_move, window_of_samples
+from tactilenlp.problem.pages import page_of
+from tactilenlp.problem.reductions import (
+    Reductions,
+    may_move,
+    required_reductions,
+    window_of_samples,
+)
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solution import evaluated
 from tactilenlp.solvers.solve import solve, solve_levels
@@ -121,7 +127,7 @@ def test_multipliers_follow_contacts_where_a_constraint_says_so_not_by_its_name(
     numbers = np.arange(columns["ground"])[:, None]
     own = {"ground tilt cap": np.array([[1.0], [2.0]]), "ground cone": 1.0 + numbers}
     at = replace(at, multipliers=at.multipliers | own)
-    reduced = SimpleNamespace(window=windows[0], solution=at)
+    reduced = SimpleNamespace(problem=lean, window=windows[0], solution=at)
     _, _, moved = transferred_values(reduced, windows[1], whole)
     assert np.array_equal(moved["ground tilt cap"], own["ground tilt cap"])
     cone = moved["ground cone"]
@@ -279,3 +285,11 @@ def test_a_touch_is_doubted_by_the_rate_of_wrong_booleans(found):
     assert costs[0] == pytest.approx(3.0, abs=0.01)  # -log(0.05)
     assert costs[1] == pytest.approx(costs[2], abs=0.1)
     assert costs[2] < costs[3] < np.inf
+
+
+def test_a_page_keeps_the_assumptions_that_it_cannot_give_up():
+    asked = Reductions.of(("rigid", "central", "far"))
+    kept = required_reductions(page_of("complementarity", CUBOID), asked)
+    assert (kept.rigid, kept.central, kept.far) == (True, True, False)
+    freed = required_reductions(page_of("violation_implicit", CUBOID), asked)
+    assert (freed.rigid, freed.central, freed.far) == (False, False, False)

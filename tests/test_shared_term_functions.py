@@ -12,6 +12,7 @@ import pytest
 from conftest import RECORDINGS
 
 from formulations import (
+    friction,
     polytope_quasi_static,
     polytope_violation_implicit,
     quasi_static,
@@ -131,3 +132,13 @@ def test_term_functions_stay_in_their_process():
     again = pickle.loads(pickle.dumps(job.functions))
     assert again == {}
     assert isinstance(again, FunctionsByPage)
+
+
+def test_an_edited_constant_of_a_page_is_another_page(monkeypatch):
+    job, session = job_of(violation_implicit, CUBOID, "cuboid", 1), Session()
+    estimate = SimpleNamespace(origin=job)  # anything that can be weakly referenced
+    session.keep(estimate, job)
+    known = estimate, job.scene, CUBOID, violation_implicit
+    assert session.functions_for(*known) is job.functions
+    monkeypatch.setattr(friction, "LEAST", 2 * friction.LEAST)
+    assert session.functions_for(*known) is not job.functions

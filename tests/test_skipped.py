@@ -9,7 +9,7 @@ import pytest
 
 from formulations import violation_implicit as page
 from formulations.shape import CUBOID
-from tactilenlp import Options, solve_estimate
+from tactilenlp import Options, extend, solve_estimate
 from tactilenlp.certificates import static_friction
 from tactilenlp.certificates.certify import frictionless
 from tactilenlp.interface.request import make_job
@@ -102,3 +102,17 @@ def test_only_a_page_without_tangential_impulses_has_dropped_them_where_none_act
         assert skipped.dropped == "10 tangential impulses"
         assert skipped.value == pytest.approx(3.0 * mu)  # [weights]
         assert skipped.holds == (mu == 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["free", "touch"])
+def test_a_page_without_a_term_of_what_was_felt_ends_with_an_estimate(recorded, name):
+    data, scene, _ = recorded
+    estimate = solve_estimate(
+        data.select([0, 1]), scene, formulation=extend(page, without=(name,)),
+        options=Options(profile_likelihood=False), throw=False,
+    )  # fmt: skip
+    assert np.isfinite(estimate.side_lengths).all()
+    if name == "free":  # no term by which to certify what was dropped: it was restored
+        assert estimate.success
+        assert all(s.name != "far" for s in estimate.skipped)

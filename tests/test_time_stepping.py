@@ -10,6 +10,7 @@ from conftest import benchmark
 from scipy.spatial.transform import Rotation
 
 from formulations.finger import SPHERE
+from formulations.multiple_shooting import coming
 from formulations.shape import CUBOID
 from formulations.sliding_contact import LOAD_ROUNDING, Pusher
 from formulations.time_stepping import STEP_V_EPS, Sliding, step_functions
@@ -210,3 +211,15 @@ def test_a_step_gives_way_to_an_impulse_as_its_balance_says(step):
         )
     assert np.linalg.norm(way) > 1e-6
     assert moved - x == pytest.approx(way, rel=0.1, abs=0.1 * np.linalg.norm(way))
+
+
+@pytest.mark.parametrize(("before", "now"), [(1, 1), (2, 1), (1, 2)])
+def test_a_body_that_coasts_keeps_its_speed_whatever_the_times(step, before, now):
+    v, dt_1, dt = np.array([0.1, 0.0, 0.5]), before / 30, now / 30
+    x_2 = np.asarray(coming(np.zeros(3), -v * dt_1, dt, dt_1)).ravel()
+    if before == now:
+        assert (x_2 == -v * dt_1).all()
+    z = np.concatenate([SIDES, np.zeros(3), x_2])
+    data = np.concatenate([[dt, 0.5, 0.0, STEP_V_EPS], AWAY, AWAY, [RHO]])
+    (x, *_) = evaluated(step, "first", z, data)
+    np.testing.assert_allclose(x.ravel(), v * dt, rtol=1e-3, atol=1e-7)

@@ -53,10 +53,15 @@ def certify(job: Job, solved: Solved, rested: Skipped | None = None) -> Certific
 
 
 def far(solved: Solved, whole) -> Skipped | None:
-    """Certify that the dropped free samples cost nothing at the solution."""
+    """Certify that the dropped free samples cost nothing at the solution.
+
+    A page whose term of free samples has another name may price them at anything.
+    """
     if not len(whole.far):
         return None
-    cost = float(whole.problem.value(FREE_TERM, whole.x, whole.data)[whole.far].sum())
+    cost, problem = np.inf, whole.problem
+    if FREE_TERM in problem.costs:
+        cost = float(problem.value(FREE_TERM, whole.x, whole.data)[whole.far].sum())
     cost, limit = max(cost, 0.0), NEUTRAL * max(1.0, abs(solved.solution.objective))
     return Skipped(
         "far", f"{len(whole.far)} free samples", "certainly away from the object",
@@ -67,12 +72,13 @@ def far(solved: Solved, whole) -> Skipped | None:
 def absent(whole) -> Skipped | None:
     """Certify that no impulse of a finger that feels nothing lowers the objective.
 
-    The gradient by the impulses that were left out shows no descent.
+    The gradient of the Lagrangian by the impulses that were left out shows no descent.
     """
     if FINGER not in whole.problem.variables or not len(whole.unfelt):
         return None
     variable = whole.problem.variables[FINGER]
-    normal = whole.slope[variable.span].reshape(variable.columns, -1)[whole.unfelt, 0]
+    slope = whole.whole_slope[variable.span].reshape(variable.columns, -1)
+    normal = slope[whole.unfelt, 0]
     gain = float(max(0.0, (-normal * variable.scale[0]).max()))
     return Skipped(
         "absent", f"{len(whole.unfelt)} impulses", "the finger feels nothing",

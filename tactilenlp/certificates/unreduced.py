@@ -45,7 +45,7 @@ class UnreducedProblem:
         """The gradient (unknowns,) of the costs, SI."""
         return gradient(self.problem, self.x, self.data, self.problem.costs)
 
-    @property
+    @cached_property
     def whole_slope(self) -> np.ndarray:
         """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
         lam = self.multipliers

@@ -1,10 +1,13 @@
 """Transfer values and multipliers of a solution to a problem of other samples.
 
-Common contacts and constraints keep theirs.  New constraints have zero multipliers, new
-poses are those of their still span, and new impulses the page's own guess.
+Common contacts and constraints keep theirs: instances of a constraint that belong to
+the same contact, or read the same unknowns.  New ones have zero multipliers, new poses
+are those of their still span, and new impulses the page's own guess.
 """
 
 from __future__ import annotations
+
+from collections import Counter
 
 import numpy as np
 
@@ -30,11 +33,46 @@ def transferred_values(solved: Solved, again, problem) -> tuple[dict, dict, dict
         old = solution.bound_multipliers[name]
         bounds[name] = _columns(old, source, np.zeros(v.guess.shape))
     for name, term in problem.constraints.items():
-        source = came_from.get(term.per, np.arange(term.instances))
+        source = came_from.get(term.per)
+        if source is None:
+            source = same_instances(solved.problem, problem, name, came_from)
         old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))
         none = np.zeros((term.function.rows, term.instances))
         multipliers[name] = _columns(old.T, source, none).T
     return values, bounds, multipliers
+
+
+def same_instances(old, new, name: str, came_from: dict) -> np.ndarray:
+    """Return which instance of a constraint of an old problem each new one is, or -1.
+
+    It reads the same unknowns; came_from: by variable, the old column of each new one.
+    Where none does, the one of the same number if there are as many.
+    """
+    term, before = new.constraints[name], old.constraints.get(name)
+    if before is None:
+        return np.full(term.instances, -1)
+    place = np.full(new.size, -1)
+    for variable in new.variables.values():
+        if (v := old.variables.get(variable.name)) is None or v.rows != variable.rows:
+            continue
+        source = came_from.get(v.name, np.arange(variable.columns))
+        kept = (source >= 0) & (source < v.columns)
+        first = v.span.start + source * v.rows
+        rows = first[:, None] + np.arange(v.rows)
+        place[variable.span] = np.where(kept[:, None], rows, -1).ravel()
+    source = rows_of(numbered(before.unknowns), numbered(place[term.unknowns]))
+    if term.instances == before.instances:
+        source = np.where(source < 0, np.arange(term.instances), source)
+    return source
+
+
+def numbered(rows) -> list[tuple[bytes, int]]:
+    """Return the rows of an array, each with how many before it are equal to it."""
+    seen, keys = Counter(), []
+    for row in rows:
+        keys.append((row.tobytes(), seen[row.tobytes()]))
+        seen[row.tobytes()] += 1
+    return keys
 
 
 def _columns(old, source, otherwise) -> np.ndarray:

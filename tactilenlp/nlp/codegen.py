@@ -39,6 +39,23 @@ UNUSED_PASSES = ("-fno-tree-dominator-opts", "-fno-tree-fre", "-fno-tree-sra")
 _warned_folders: set[str] = set()  # cache folders about which a warning was logged
 
 
+class Compiling:
+    """Functions of which a compiler may run: called, it waits and returns them.
+
+    hurried: whether they are not compiled for want of time alone, as far as is known.
+    """
+
+    def __init__(self, functions, found: Callable | None = None, hurried: bool = False):
+        self._functions, self._found, self.hurried = functions, found, hurried
+
+    def __call__(self) -> list[ca.Function]:
+        if self._found is not None:
+            library = self._found()
+            self._found, self._functions = None, library or self._functions
+            self.hurried = not library and _configured_folder() not in _warned_folders
+        return self._functions
+
+
 def compiled(functions: list[ca.Function]) -> list[ca.Function]:
     """Return the functions compiled, or unchanged where that is not possible."""
     return start_compilation(functions)()
@@ -49,7 +66,7 @@ def start_compilation(
     origin: str = "",
     deadline: Deadline = NEVER,
     vectors: bool = False,
-) -> Callable[[], list[ca.Function]]:
+) -> Compiling:
     """Start to compile functions; return what waits and returns them compiled.
 
     Unchanged where that is not possible.  origin: text that determines the functions,
@@ -58,14 +75,14 @@ def start_compilation(
     evaluate several instances at once do, as columns of their arguments (simd.WIDTH).
     """
     if compiler() is None or _configured_folder() in _warned_folders:
-        return lambda: functions
+        return Compiling(functions)
     if time_for_compilation(deadline) < LEAST_COMPILE_TIME:
-        return lambda: functions
+        return Compiling(functions, hurried=True)
     source = _source(functions, vectors)
     names = [f.name() for f in functions]
     load = partial(_externals, names)
     found = _library_getter(load, origin or source, source, deadline)
-    return cache(lambda: found() or functions)
+    return Compiling(functions, found)
 
 
 def _source(functions: list[ca.Function], vectors: bool) -> str:
@@ -113,7 +130,7 @@ def _library_getter(
         return lambda: None
 
     def found():
-        if not compilation.is_ours:
+        if not compilation.can_tell:
             return _library_getter(load, origin, source, deadline)()
         try:
             return _loaded(path, load) if compilation.finished() else None

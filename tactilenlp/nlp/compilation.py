@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
+from threading import Lock
 
 from ..common.deadline import Deadline
 from ..common.library_cache import store, workspace
@@ -58,7 +59,7 @@ class Compilation:
         self._library, self._deadline = library, deadline
         self._allowed = time_for_compilation(deadline)
         self._result: bool | OSError | None = None
-        self._owner = os.getpid()
+        self._owner, self._lock, self._interrupted = os.getpid(), Lock(), False
         if self._allowed < LEAST_COMPILE_TIME:
             self._result = False
             return
@@ -77,9 +78,10 @@ class Compilation:
         _running.append(self)
 
     @property
-    def is_ours(self) -> bool:
-        """Whether it has ended, or is this process's to wait for: not in a fork."""
-        return self._result is not None or os.getpid() == self._owner
+    def can_tell(self) -> bool:
+        """Whether it ended by itself, or will: not in a fork, nor after Ctrl-C."""
+        ours = os.getpid() == self._owner and not self._interrupted
+        return self._result is not None or ours
 
     def finished(self) -> bool:
         """Wait; tell whether the library is there, else there was no time for it.
@@ -98,19 +100,24 @@ class Compilation:
         return late or self._process.poll() is not None
 
     def wait(self) -> None:
-        """Wait for the end, or for the time that is allowed, and store the library."""
-        if self._result is not None:
-            return
-        with self._opened:
-            try:
-                left = max(0.0, self._began + self._allowed - time.monotonic())
-                with self._deadline.spending("compilation"):
-                    self._result = self._stored(self._status(left))
-            except OSError as error:
-                self._result = error
-            finally:
-                _running.remove(self)
-        atexit.unregister(self._opened.close)
+        """Wait for the end, or for the time that is allowed, and store the library.
+
+        An interruption ends the compiler.
+        """
+        with self._lock:
+            if self._result is not None or self._interrupted:
+                return
+            with self._opened:
+                try:
+                    left = max(0.0, self._began + self._allowed - time.monotonic())
+                    with self._deadline.spending("compilation"):
+                        self._result = self._stored(self._status(left))
+                except OSError as error:
+                    self._result = error
+                finally:
+                    self._interrupted = self._result is None
+                    _running.remove(self)
+            atexit.unregister(self._opened.close)
 
     def _status(self, seconds: float) -> int | None:
         """Return the compiler's status, None if it takes longer; SILENT is said."""

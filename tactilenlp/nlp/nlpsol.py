@@ -44,7 +44,9 @@ class Eliminated:
                 "an unknown is given twice", where=str([*problem.dependent])
             )
         rows = np.zeros(problem.rows, bool)
-        for name in problem.dependent:
+        for name, given in problem.dependent.items():
+            if len(given) < problem.constraints[name].instances:
+                raise PageError("several instances give one column", where=name)
             rows[problem.constraints[name].span] = True
         self.kept, self.defining = np.nonzero(~rows)[0], np.nonzero(rows)[0]
         self.free = np.setdiff1d(np.arange(problem.size), self.dependent)
@@ -70,11 +72,12 @@ class Eliminated:
             )  # fmt: skip
 
     def complete(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
-        """Return all unknowns: the dependent ones computed from those that are free.
+        """Return all unknowns (unknowns,): the dependent ones computed from the others.
 
-        x (unknowns,) SI, of which the dependent ones are only where computing begins.
+        x (unknowns,) SI, of which dependent ones are not read.
         """
         x, scale = x.copy(), self.problem.scale
+        x[self.dependent] = 0.0  # residuals are then what is computed, without rounding
         for name, rows in self.rounds:
             term = self.problem.constraints[name]
             z, d = x[term.unknowns[rows]], data[term.data[rows]]
@@ -142,7 +145,7 @@ class Eliminated:
         if self._at is not None and self._at["key"] == key:
             return self._at
         problem, scale = self.problem, self.problem.scale
-        x = problem.pack({}) if self._at is None else self._at["x"].copy()
+        x = np.zeros(problem.size)
         x[self.free] = u * scale[self.free]
         x = self.complete(x, data)
         f, gradient, g, _ = problem.assembly.evaluated(x / scale, data)

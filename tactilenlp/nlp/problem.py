@@ -22,8 +22,8 @@ import scipy.sparse as sp
 from ..common.brief import printed
 from ..common.deadline import NEVER, Deadline
 from ..common.named import Named
-from ..common.validation import check_kind, numbers_of
-from ..errors import PageError, did_you_mean
+from ..common.validation import check_kind, check_one_of, numbers_of
+from ..errors import PageError
 from .assembly import Assembly
 from .diagnostics import Report, check, describe
 from .nlpsol import Eliminated
@@ -99,11 +99,7 @@ class Problem:
 
     def minimize(self, name: str, function: Callable, *arguments, role: str) -> None:
         """Add the sum of `function` over the instances; `role` is one of ROLES."""
-        if role not in ROLES:
-            raise PageError(
-                "unknown role", where=name, got=role, expected=f"one of {ROLES}",
-                next=did_you_mean(role, ROLES),
-            )  # fmt: skip
+        check_one_of(name, role, ROLES, "unknown role", PageError)
         self._add(self.costs, name, function, arguments, role=role)
 
     def subject_to(
@@ -130,7 +126,8 @@ class Problem:
             return (function(*local[:-1]) - local[-1]) / gives.variable.scale
 
         self.subject_to(name, residual, *arguments, gives, lower=0, upper=0)
-        self.dependent[name] = gives.indices
+        if name in self.constraints:  # it has instances
+            self.dependent[name] = gives.indices
 
     def report(self, name: str, function: Callable, *arguments) -> None:
         """Name a quantity to be read off a solution; it costs nothing to solve."""
@@ -186,7 +183,8 @@ class Problem:
 
     def bounds(self, which: str) -> np.ndarray:
         """Return the "lower" or "upper" bounds of all unknowns, SI."""
-        return np.hstack([getattr(v, which).T.ravel() for v in self.variables.values()])
+        blocks = [getattr(v, which).T.ravel() for v in self.variables.values()]
+        return np.concatenate([np.zeros(0), *blocks])
 
     def limits(self, which: str) -> np.ndarray:
         """Return the "lower" or "upper" limits of all constraints."""

@@ -22,7 +22,8 @@ import numpy as np
 
 from ..common.deadline import NEVER, Deadline
 from ..errors import PageError
-from .codegen import compiled_earlier, start_compilation
+from .codegen import Compiling, compiled_earlier, start_compilation
+from .compilation import LEAST_COMPILE_TIME, time_for_compilation
 from .derivation import PARTS, derivatives, expressions_of, values
 from .simd import WIDTH
 
@@ -51,7 +52,7 @@ class TermFunction:
     roots: int
     arguments: int
     equations: int
-    compiled: Callable[[], list[ca.Function]]
+    compiled: Compiling
     solver: Callable[[], ca.Function] | None = None
     jacobian_sparsity: ca.Sparsity | None = None
     hessian_sparsity: ca.Sparsity | None = None
@@ -89,7 +90,7 @@ class TermFunctionCache:
 
     derive: bool = True
     functions_by_key: dict[str, TermFunction] = field(default_factory=dict)
-    solvers_by_key: dict[str, Callable] = field(default_factory=dict)
+    solvers_by_key: dict[str, Compiling] = field(default_factory=dict)
     derived: int = 0
     seconds: float = 0.0
 
@@ -117,7 +118,8 @@ class TermFunctionCache:
         *term, solver = expressions_of(function, unknowns, order, noting)
         of_roots = _digest(solver) if solver else ""
         key = "".join([*(part.serialize() for part in term), of_roots])
-        if key not in self.functions_by_key:
+        known = self.functions_by_key.get(key)
+        if known is None or _may_be_compiled(known.compiled, deadline):
             derived = partial(derivatives, *term)
             parts, compiled = self._compiled_or_derived(PARTS, key, derived, deadline)
             solve = self._solver(solver, of_roots, deadline) if solver else None
@@ -126,12 +128,13 @@ class TermFunctionCache:
 
     def _solver(self, solver: ca.Function, key: str, deadline: Deadline) -> Callable:
         """Return what returns a solver, compiled once for all terms if possible."""
-        if key not in self.solvers_by_key:
-            _, compiled = self._compiled_or_derived(
+        known = self.solvers_by_key.get(key)
+        if known is None or _may_be_compiled(known, deadline):
+            _, self.solvers_by_key[key] = self._compiled_or_derived(
                 [solver.name()], key, lambda: [solver], deadline
             )
-            self.solvers_by_key[key] = lambda: compiled()[0]
-        return self.solvers_by_key[key]
+        compiled = self.solvers_by_key[key]
+        return lambda: compiled()[0]
 
     def _compiled_or_derived(
         self, names, key: str, derive: Callable, deadline: Deadline
@@ -139,13 +142,18 @@ class TermFunctionCache:
         """Return functions, and what returns them compiled, earlier or from now on."""
         origin = _derivation_rule() + key
         if functions := compiled_earlier(names, origin):
-            return functions, lambda: functions
+            return functions, Compiling(functions)
         began = time.perf_counter()
         functions = derive()
         compiled = start_compilation(functions, origin, deadline, True)
         self.derived += 1
         self.seconds += time.perf_counter() - began
         return functions, compiled
+
+
+def _may_be_compiled(compiled: Compiling, deadline: Deadline) -> bool:
+    """Tell whether there is time now for what an earlier deadline left uncompiled."""
+    return compiled.hurried and time_for_compilation(deadline) >= LEAST_COMPILE_TIME
 
 
 _default = TermFunctionCache()
@@ -162,7 +170,7 @@ def without_derivatives(
     """Return a term function without derivatives: for what is read off a solution."""
     parts = values(expressions_of(function, unknowns, order))
     sizes = parts[1].size1_out(0), *(parts[1].size1_in(k) for k in range(3))
-    return TermFunction(*sizes, 0, 0, lambda: parts)  # roots are written out
+    return TermFunction(*sizes, 0, 0, Compiling(parts))  # roots are written out
 
 
 def term_function_named(name: str, derive, function, sizes, order) -> TermFunction:

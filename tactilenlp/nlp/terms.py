@@ -287,10 +287,10 @@ def limits_of(name: str, shape: tuple[int, int], limits: dict) -> dict:
     """Return lower and upper limits as arrays (instances, rows); PageError if wrong."""
     wrong = "wrong shape of a limit"
     arrays = {k: _broadcast(v, shape, name, wrong) for k, v in limits.items()}
-    if arrays and not np.all(arrays["lower"] <= arrays["upper"]):
-        raise PageError(
-            "limits cross, or are NaN", where=name, expected="lower <= upper"
-        )
+    most = np.finfo(float).max  # a lower limit of infinity leaves no number either
+    low, high = arrays.get("lower", 0), arrays.get("upper", 0)
+    if not np.all(np.maximum(low, -most) <= np.minimum(high, most)):
+        raise PageError("limits cross, or NaN", where=name, expected="lower <= upper")
     if arrays and np.isinf([*arrays.values()]).all():
         raise PageError(
             "a constraint without limits", where=name, got="none",

@@ -151,9 +151,10 @@ def extend(
     function that takes its place with the same arguments; without: names of terms to
     omit; parts: further arguments of the base's `build`, such as `law`.
 
-    Reports about replaced and omitted terms, "<name>, exact" and "<name>, gives", are
-    omitted; `terms` may add others.  LEVELS and other constants are the base's, as are
-    its shared term functions; where fingers have offsets, terms read displaced fingers.
+    Reports about replaced and omitted terms, "<name>, exact" and "<name>, impulse
+    response", are omitted; `terms` may add others.  LEVELS and other constants are the
+    base's, as are its shared term functions; where fingers have offsets, terms read
+    displaced fingers.
     Raises OptionError, and in `build` PageError where no term of the base has a name.
     """
     base = page_of(base, shape_of(shape))

@@ -18,6 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from formulations.names import TOUCH_TERM
+
 from ..data.sensor_noise import LATENCY, NORMAL_LAG
 from ..information.consider_parameters import (
     ConsiderParameter,
@@ -59,10 +61,13 @@ LAGS = {  # in the order in which they are estimated
 def with_lags(solves) -> list[Solved]:
     """Return solves, best first, with the lags of sensors that evidence favours.
 
-    If a lag changes, solves far from the best are dropped.
+    If a lag changes, solves far from the best are dropped.  A page without touches
+    tells none.
     """
     for name, lag in LAGS.items():
-        if solves[0].job.fixes("prompt") and solves[0].solution.success:
+        best = solves[0]
+        told = best.job.fixes("prompt") and TOUCH_TERM in best.problem.costs
+        if told and best.solution.success:
             solves = _with_lag(name, lag, solves)
     return solves
 
