@@ -156,8 +156,8 @@ def releases(record: Record) -> float:
 
 
 def begins_touched(record: Record) -> float:
-    """An action begins without contact."""
-    return np.log(BEGUN) * record.events.begun
+    """An action begins without contact, or a programme begins them all in contact."""
+    return of_one_rate(np.zeros(record.events.begun), BEGUN)
 
 
 def planes(record: Record) -> float:

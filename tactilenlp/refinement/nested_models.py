@@ -118,14 +118,15 @@ def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
     if gain <= needed:
         return [declined(best, name, gain, needed), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
-    first = replace(freed[0], declined=best.declined)
+    first = without_needless(replace(freed[0], declined=best.declined))
     return [first, *freed[1:], *solves]
 
 
 def without_needless(solved: Solved) -> Solved:
     """Return a solve with what data had freed fixed again, where that costs little.
 
-    Freed while a body slid, it may have stood for a tilt.
+    Freed while a body slid, it may have stood for a tilt; solved from other starts, it
+    may have met a better optimum, which does not need it.
     """
     for name, nuisance in NUISANCES.items():
         job, reductions = solved.job, solved.job.reductions

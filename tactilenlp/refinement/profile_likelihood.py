@@ -13,15 +13,16 @@ change as they do in that solve.  Where L is lower than at s_0, a better optimum
 near.  Where L levels off, sigma is the root of the second moment of exp(-L), if larger.
 It is at most
 
-    sigma sqrt(1 + |z|^2 / (3 + n)),
+    deviation sqrt((3 + n + |z|^2) / n),
 
-the deviation of the Gaussian that the prior is at n sizes z from its mean: the weight
-of Student's t in least squares (size_prior.py).  How far the steps go, and what their
-rises mean, stands in profile_deviation.py.
+the standard deviation of the prior of a size where the n - 1 others are z deviations
+from their means: Student's t of 2 + n degrees of freedom (size_prior.py).  How far the
+steps go, and what their rises mean, stands in profile_deviation.py.
 
 A final pose that a body slid and turned to is determined by cones and sliding as well.
 Of its coordinates the one along the ground that is known least is held elsewhere, in
-both directions.
+both directions; both are where friction alone tells them: after a side was last felt, a
+finger dragged the body from above, or it went on by itself.
 """
 
 from __future__ import annotations
@@ -44,9 +45,10 @@ from ..local.levels import RANKING_TOLERANCE
 from ..local.margins import PROFILE_RISE
 from ..local.solved import Solved, settings_of
 from ..problem.hypothesis import Hypothesis, resized
+from ..problem.reductions import SIDE_NORMAL
 from ..solvers.solve import solve_levels
 from ..tracking.surface import rotation_at
-from .profile_deviation import Point, Profile
+from .profile_deviation import VAGUE_SHARE, Point, Profile
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
 NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
@@ -78,10 +80,18 @@ def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     variance = np.diag(by_gradient[chosen])
     # Not positive where the Hessian is indefinite: it tells nothing, `sigma` is inf.
     sigma = np.sqrt(np.where(variance > 0, variance, np.inf))
-    least = n + int(np.argmax(sigma[n : n + 2]))
-    if sigma[least] >= KNOWN_POSITION:  # the Hessian already states a large sigma
-        deviations[least] = by_gradient[chosen, least] / sigma[least]
-    for profile in _profiles(solved, faces, sigma, least, seeks):
+    along, large = [n + int(np.argmax(sigma[n : n + 2]))], KNOWN_POSITION
+    widest = max(shape.typical_deviation, carried := way_since_sides(solved))
+    if carried > KNOWN_POSITION:
+        along, large = [n, n + 1], VAGUE_SHARE * widest
+    for axis in (axis for axis in along if sigma[axis] >= large):
+        # The Hessian already states a large sigma.
+        deviations[axis] = by_gradient[chosen, axis] / sigma[axis]
+    profiles = [
+        Profile(solved, axis, widest, None, seeks)
+        for axis in along if sigma[axis] < large
+    ]  # fmt: skip
+    for profile in [*_profiles(solved, faces, sigma, seeks), *profiles]:
         axis = profile.axis
         way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], profile.prior)
         solve_held = partial(_solve_held, solved, chosen[axis], axis)
@@ -91,11 +101,10 @@ def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     return deviations, None
 
 
-def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
-    """Return the profiles of sizes and final pose that the Hessian may not tell.
+def _profiles(solved, faces, sigma, seeks) -> list[Profile]:
+    """Return the profiles of sizes and of a yaw that the Hessian may not tell.
 
-    Of open and of noisy sizes, of the position `least`, if the Hessian claims it, and
-    of the yaw of a box that no side was felt of.
+    Of open and of noisy sizes, and of the yaw of a box that no side was felt of.
     """
     job, shape, at, profiles = solved.job, solved.job.shape, solved.at, []
     for axis, touched in enumerate(faces):
@@ -104,13 +113,24 @@ def _profiles(solved, faces, sigma, least, seeks) -> list[Profile]:
             widest = prior_deviations(shape, at.theta)[axis]
             cost = prior_cost(shape, at, axis) if is_open else None
             profiles.append(Profile(solved, axis, widest, touched, seeks, cost))
-    if sigma[least] < KNOWN_POSITION:
-        widest = shape.typical_deviation
-        profiles.append(Profile(solved, least, widest, None, seeks))
     if shape.faced and is_planar(at.x) and faces[:2].max() < KNOWN_FACE:
         yaw = shape.theta + 2
         profiles.append(Profile(solved, yaw, ANY_YAW, None, False, np.zeros_like))
     return profiles
+
+
+def way_since_sides(solved) -> float:
+    """Return how far the body moved [m] after a side of it was last felt.
+
+    In planar motion: of a body that tips or floats, touches of all faces tell where.
+    """
+    data, at = solved.job.data, solved.at
+    if not is_planar(at.x):
+        return 0.0
+    sides = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
+    last = np.flatnonzero(sides.any(axis=1))
+    since = last[-1] if len(last) else 0
+    return float(np.linalg.norm(at.x[:2, -1] - at.x[:2, since]))
 
 
 def touched_ends(shape, solved) -> np.ndarray | None:
@@ -153,10 +173,14 @@ def faces_sigma(job, touched) -> float:
 
 
 def prior_deviations(shape, theta) -> np.ndarray:
-    """Return the deviations (n,) of the prior at sizes theta (n,), as of a Gaussian."""
+    """Return the standard deviations (n,) of the prior of each size at the others.
+
+    Of Student's t of 2 + n degrees of freedom, which the prior is of one size.
+    """
     mean, deviation = (np.broadcast_to(v, shape.theta) for v in shape.size_prior)
-    square = np.sum(((theta - mean) / deviation) ** 2)
-    return deviation * np.sqrt(1 + square / (FREEDOM + shape.theta))
+    n, square = shape.theta, ((theta - mean) / deviation) ** 2
+    others = square.sum() - square
+    return deviation * np.sqrt((FREEDOM + n + others) / n)
 
 
 def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
