@@ -8,7 +8,11 @@ from programmes import moved_by
 
 from formulations.names import SOFT_FINGERTIPS
 from tactilenlp import solve_estimate
-from tactilenlp.information.consider_parameters import SOFT_DEPTH
+from tactilenlp.information.consider_parameters import (
+    SOFT_DEPTH,
+    Prior,
+    by_derivatives,
+)
 from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 
@@ -45,3 +49,15 @@ def test_sides_are_as_uncertain_as_fingertips_unless_these_are_told_to_be_rigid(
     rigid = solve_estimate(data, told, start=estimate)
     assert SOFT_FINGERTIPS not in rigid.information.considered
     assert SOFT_FINGERTIPS not in rigid.information.error_budget("side_lengths")
+
+
+def test_touches_tell_nothing_of_what_their_cost_does_not_bend_upwards_by(programme):
+    kkt = kkt_system_of(programme.problem, programme.solution)
+    slope, prior = np.zeros((programme.problem.size, 1)), Prior(0.02)
+    by_touches = by_derivatives(
+        kkt, slope, np.array([300.0]), np.array([[-5.0]]), prior
+    )
+    assert by_touches.gain == 0
+    assert by_touches.considered.sigma == pytest.approx(0.02)
+    told = by_derivatives(kkt, slope, np.array([300.0]), np.array([[5e4]]), prior)
+    assert told.mean == pytest.approx(300 / (5e4 + 2500))

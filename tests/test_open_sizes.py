@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -10,15 +11,24 @@ from tactilenlp import (
     CYLINDER,
     Ground,
     Options,
+    Problem,
+    Scene,
     World,
     explore,
     polytope,
     solve_estimate,
 )
 from tactilenlp.information.error_budget_terms import REACHED
+from tactilenlp.information.laplace_approximation import sizes_at_bounds
+from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement.profile_deviation import VAGUE_SHARE
-from tactilenlp.refinement.profile_likelihood import KNOWN_POSITION, touched_ends
+from tactilenlp.refinement.profile_likelihood import (
+    KNOWN_POSITION,
+    prior_deviations,
+    touched_ends,
+)
+from tactilenlp.solvers.solve import solve
 
 PRIOR = CUBOID.size_prior[1]
 AT = Hypothesis(np.full(3, 0.04), np.zeros((3, 2)), 0.0, ())
@@ -82,3 +92,59 @@ def test_only_a_ground_touches_the_lowest_face_of_a_box():
         solved = SimpleNamespace(at=AT, job=job, touched=faces)
         ends = touched_ends(CUBOID, solved)
         assert (ends.min(axis=1) > 0).tolist() == [False, False, ground is not None]
+
+
+def test_a_size_that_no_touch_tells_varies_as_the_prior_at_the_others():
+    """Student's t of five degrees of freedom: a variance twice that at its mode."""
+    mean, deviation = CUBOID.size_prior
+    alone = prior_deviations(CUBOID, np.full(3, mean))
+    np.testing.assert_allclose(alone, np.sqrt(2) * deviation)
+    grid = np.linspace(-3.0, 3.0, 200_001)  # [m]
+    sides = np.stack([np.full_like(grid, mean + 2 * deviation), 0 * grid + mean, grid])
+    square = np.sum(((sides - mean) / deviation) ** 2, axis=0)
+    density = (1 + square / 6) ** -3.0
+    variance = (density * (grid - mean) ** 2).sum() / density.sum()
+    found = prior_deviations(CUBOID, sides[:, 0] * [1, 1, 0] + [0, 0, 0.3])[2]
+    assert found == pytest.approx(np.sqrt(variance), rel=1e-3)
+
+
+def test_a_size_at_its_bound_is_not_known_exactly():
+    nlp = Problem()
+    theta = nlp.variable(
+        "theta", 3, guess=0.05, lower=0.004, upper=0.4, unit="m", scale=1e-3
+    )
+    nlp.minimize(
+        "cost", lambda a: ca.sumsqr((a[:2] - 0.05) / 0.01) / 2 - 40 * a[2], theta,
+        role="likelihood",
+    )  # fmt: skip
+    solution = solve(nlp)
+    at = SimpleNamespace(
+        problem=nlp, solution=solution, kkt=kkt_system_of(nlp, solution)
+    )
+    expected = [0, 0, np.sqrt(2) / 40]
+    np.testing.assert_allclose(sizes_at_bounds(at), expected, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_body_that_was_dragged_from_above_may_have_slipped():
+    """Only friction tells how far it came: along and across the drag."""
+    world = World([0.06, 0.04, 0.05], friction_finger=1.0, max_force=6.0)
+    away = np.array([1.0, 1.0, 0.5])
+
+    def act(*places):
+        path = np.stack([places, np.broadcast_to(away, (len(places), 3))], axis=1)
+        time = np.linspace(0, 0.6 * (len(places) - 1), len(places))
+        world.execute(SimpleNamespace(time=time, finger_position=path))
+
+    for turn in np.arange(4) * np.pi / 2:
+        side = np.array([np.cos(turn), np.sin(turn), 0.0])
+        at = world.pose[:3] + 0.01 * side[[1, 0, 2]]
+        act(at + 0.08 * side, at + 0.03 * side, at + 0.08 * side)
+    x, y, z = world.pose[:3]
+    press = np.array([x, y, z + 0.032])  # 3 mm deep
+    up, along = np.array([0, 0, 0.03]), np.array([0.06, 0, 0])
+    act(press + up, press, press + along, press + along + up)
+    scene = Scene(friction_finger=1.0)
+    estimate = solve_estimate(world.measurements, scene)
+    off = estimate.position[-1] - world.truth.object_position[-1]
+    assert (np.abs(off) < 5 * estimate.information.sigma("position")).all()

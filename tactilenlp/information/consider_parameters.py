@@ -226,7 +226,7 @@ def soft_fingertips(linearisation: Linearisation) -> ConsiderParameter:
     slope = np.zeros(kkt.problem.size)
     slope[variable.span] = -of_depth
     pull, prior = of_depth * kkt.x[variable.span], Prior(SOFT_DEPTH)
-    return _by_derivatives(kkt, slope[:, None], pull, np.array([[of_depth]]), prior)
+    return by_derivatives(kkt, slope[:, None], pull, np.array([[of_depth]]), prior)
 
 
 def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
@@ -251,7 +251,7 @@ def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
     pull, bend = np.array([pull_x, pull_y]), np.array([[xx, mixed], [mixed, yy]])
     turned = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
     prior = Prior(job.scene.sigma_tilt, -turned, -np.inf, odds=ground.told is None)
-    return _by_derivatives(kkt, slope, pull, bend, prior)
+    return by_derivatives(kkt, slope, pull, bend, prior)
 
 
 def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
@@ -277,10 +277,10 @@ def ends_of(linearisation: Linearisation, changed) -> list:
 def _of_one(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> ConsiderParameter:
     """Return what the touches tell of one quantity; ends: at r = step, 0, -step."""
     b, pull, bend = derivatives(kkt.problem, ends, step, names)
-    return _by_derivatives(kkt, b[:, None], np.array([pull]), bend, prior)
+    return by_derivatives(kkt, b[:, None], np.array([pull]), bend, prior)
 
 
-def _by_derivatives(kkt, slope, pull, bend, prior: Prior) -> ConsiderParameter:
+def by_derivatives(kkt, slope, pull, bend, prior: Prior) -> ConsiderParameter:
     """Return what the touches tell of r (d,).
 
     By derivatives of the touch cost by r: slope (unknowns, d) of its gradient, pull

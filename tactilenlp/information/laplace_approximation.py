@@ -67,21 +67,41 @@ def _of_sizes(response: Response, solved: Solved, faces, others) -> tuple:
     """Return fields of the Information about sizes, and the errors (k, k) by name."""
     linearisation, tangent, C = response.linearisation, solved.tangent, response.hessian
     solution, window, shape = solved.solution, solved.window, solved.window.shape
-    errors = errors_by_name(response)
+    errors, at_bounds = errors_by_name(response), sizes_at_bounds(solved)
     best = LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
     optima = distinct_modes(shape, [best, *others])
     modes = laplace_mixture(shape, optima, summed(errors))
     beyond = beyond_mixture(modes, linearisation, tangent, faces, solved.profile)
+    if at_bounds.any():
+        open_sizes = np.pad(at_bounds, (0, len(C) - len(at_bounds)))
+        beyond["active bounds"] = np.diag(open_sizes**2)
     errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
     path = deviations_of_path(linearisation, tangent, modes, optima, more)
     covariance, errors = bounded(errors, modes.covariance + more, shape)
     words, directions = open_directions(tangent, covariance, shape, faces)
+    words += tuple(
+        f"{name}: at its bound" for name in np.array(shape.names)[at_bounds > 0]
+    )
     fields = {
         "matrix": inverse(C), "covariance_matrix": covariance, "modes": modes,
         "unobserved": words, "directions": directions, "path": path,
         "indefinite": _indefinite(linearisation.kkt),
     }  # fmt: skip
     return fields | fields_of_offsets(linearisation, tangent), errors
+
+
+def sizes_at_bounds(solved: Solved) -> np.ndarray:
+    """Return the deviations (n,) of sizes that end at a bound, SI; of others zero.
+
+    The posterior falls from a bound as exp(-multiplier distance), whose root mean
+    square is sqrt(2) / multiplier; it ends at the other bound.
+    """
+    solution, theta = solved.solution, solved.problem.variables["theta"]
+    lower, upper = theta.lower[:, 0], theta.upper[:, 0]
+    on = solved.kkt.fixed[theta.span] & (lower < upper) & ("theta" not in solution.held)
+    force = np.abs(solution.bound_multipliers["theta"][:, 0])
+    widest = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    return np.where(on, np.minimum(np.sqrt(2) / np.maximum(force, 1e-9), widest), 0.0)
 
 
 def _of_vertices(response: Response, solved: Solved, faces) -> tuple:

@@ -110,7 +110,8 @@ class KKTSystem:
     Jacobian of the active constraints, then bounds, rows of unit length; rows, lengths
     (active constraints,): their indices among all constraint rows, and the lengths by
     which they were divided; active, ambiguous: number of such rows by constraint or
-    bound; curvature (unknowns, unknowns): of the Lagrangian, in scaled unknowns.
+    bound; curvature (unknowns, unknowns): of the Lagrangian, in scaled unknowns; fixed
+    (unknowns,): mask of those at an active bound.
     """
 
     problem: object
@@ -123,6 +124,7 @@ class KKTSystem:
     active: dict[str, int]
     ambiguous: dict[str, int]
     curvature: sp.csc_matrix
+    fixed: np.ndarray
 
     @property
     def hessians(self) -> dict[str, sp.csc_matrix]:
@@ -235,7 +237,7 @@ def kkt_system_of(problem, solution, deadline: Deadline = NEVER) -> KKTSystem:
         problem, x, data, dict(solution.multipliers),
         (sp.diags(1 / lengths) @ A).tocsc(), np.flatnonzero(on),
         lengths[: np.count_nonzero(on)], active, ambiguous,
-        assembly.curvature(scaled, data, 1.0, multipliers),
+        assembly.curvature(scaled, data, 1.0, multipliers), fixed,
     )  # fmt: skip
 
 
