@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from .can_bus import POLL_LIMIT
 from .clock import Clock, HostClock
 from .errors import HardwareError, StaleStreamError
 from .motor_board import MAX_CURRENT, STALE, MotorBoard
@@ -21,6 +22,7 @@ from .tape import Tape
 from .touch import Skin
 
 LEARN = 10.0  # [s], longest time in which the sensors find their zero
+SOON = 0.002  # [s], two frames of a board
 TOUCH_STALE = 0.12  # [s], between three and four pictures at 30 Hz
 
 
@@ -152,6 +154,26 @@ class Bench:
         """Read all frames that have arrived."""
         for driver in self._drivers:
             driver.poll()
+
+    def catch_up(self, stops: int) -> None:
+        """Read until all boards have sent a position measured from now on.
+
+        What had waited, while nobody read, is older than the state of the fingers.
+        Raises the error of a silent board, and HardwareError after a stop since the
+        bench had counted so many.
+        """
+        while any(board.poll() >= POLL_LIMIT for board in self.boards):
+            self.check_running(stops)
+        begin = self.clock.now()
+        while True:
+            self.check_running(stops)
+            self.poll()
+            if all((finger.stamps >= begin).all() for finger in self.fingers):
+                break
+            if self.clock.now() > begin + STALE:
+                self.check()
+            self.clock.sleep(SOON)
+        self.check()
 
     def check(self, stale: float = STALE, touch_stale: float = TOUCH_STALE) -> None:
         """Raise the error of any wire: silence for longer [s], or a fault."""

@@ -112,12 +112,17 @@ class MotorBoard(can.Listener):
     def poll(self) -> int:
         """Read all received frames without blocking; return their number."""
         messages = waiting(self.bus, self.name, self.on_error, self._stamps)
-        for message in messages:
-            self.on_message_received(message)
+        now = self.clock.now()
+        for message in messages:  # one that waited is as old as its stamp
+            self._receive(message, min(message.timestamp, now))
         return len(messages)
 
     def on_message_received(self, msg: can.Message) -> None:
         """Process one frame, live or recorded; never raises for its content."""
+        self._receive(msg, self.clock.now())
+
+    def _receive(self, msg: can.Message, heard: float) -> None:
+        """Process one frame, of which the age is counted from `heard` [s]."""
         if self.sink is not None:
             self.sink(msg)
         try:
@@ -127,7 +132,7 @@ class MotorBoard(can.Listener):
         except HardwareError as bad:
             self.on_error(bad)
         else:
-            self._take(msg.timestamp, content)
+            self._take(msg.timestamp, content, heard)
             order = isinstance(content, codec.Order | codec.Reference)
             if order and bytes(msg.data) not in self._sent:  # of which echoes may come
                 self._order = content
@@ -137,14 +142,14 @@ class MotorBoard(can.Listener):
         self.broken += 1
         log.debug("%s: %s", self.name, exc)
 
-    def _take(self, stamp: float, content: Content | None) -> None:
+    def _take(self, stamp: float, content: Content | None, heard: float) -> None:
         match content:
             case Pair(quantity, values):
                 self._series[quantity].append((stamp, *values))
-                self._heard[quantity.name] = self.clock.now()
+                self._heard[quantity.name] = heard
             case Status():
                 self.status = content
-                self._heard["STATUS"] = self.clock.now()
+                self._heard["STATUS"] = heard
                 self._was_ready |= self.ready
             case codec.EncoderIndex():
                 self.index.append((stamp, content))
@@ -184,7 +189,10 @@ class MotorBoard(can.Listener):
         self._series = {key: deque(rows, 1) for key, rows in self._series.items()}
 
     def age(self, stream: str = "POSITION") -> float:
-        """Return the time [s] since a stream was heard, or since the bus was opened."""
+        """Return the age [s] of a stream's newest sample, or since the bus was opened.
+
+        A frame that `poll` read late is as old as its stamp.
+        """
         opened = self._heard.get("opened", -np.inf)
         return self.clock.now() - self._heard.get(stream, opened)
 

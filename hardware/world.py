@@ -154,10 +154,9 @@ class RobotWorld:
             self.bench.start(RECEIVE_TIMEOUT)
             self._running, self._last_tick, self._failed = stops, None, None
             self._seen.clear()
-            self.bench.poll()
             if self.measurements is None:
                 self.origin = self.clock.now()
-        self.bench.check_running(stops)
+        self.bench.catch_up(stops)
 
     def _keep(self) -> None:
         """Hold the fingers where they are, in a thread."""
