@@ -44,10 +44,11 @@ class RobotWorld:
     `measurements` holds all actions so far, None before the first one; `origin` [s] is
     the host time of their time 0.
 
-    Motors are enabled by `start` or at the first action.  Between actions a thread
-    holds the fingers, unless the clock is simulated and does not run then.  `stop` ends
-    the thread, a start and an action, and takes the current away, and so does the end
-    of a `with` block.  It may be called anywhere, by a signal handler for instance.
+    Motors are enabled by `start` or at the first action; after a stop, of an error
+    too, by `start` only.  Between actions a thread holds the fingers, unless the clock
+    is simulated and does not run then.  `stop` ends the thread, a start and an action,
+    and takes the current away, and so does the end of a `with` block.  It may be called
+    anywhere, by a signal handler for instance.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class RobotWorld:
             self.gains.check_bound(f"RobotWorld, {one.name}", needs, bench.max_current)
         self.measurements: Measurements | None = None
         self.origin = 0.0
-        self._running = -1  # the count of stops of the bench when the motors started
+        self._running = -1  # the count of stops of the bench at the last start
         self._last_tick: float | None = None
         self._seen: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._keeper: threading.Thread | None = None
@@ -89,9 +90,9 @@ class RobotWorld:
         positions are constant stays parked where it is; its samples are not valid.
 
         The motion to the start (paths.py) is not recorded.  Raises LimitError before
-        anything moves, other HardwareErrors afterwards.
+        anything moves, other HardwareErrors afterwards, or where it had been stopped.
         """
-        stops = self.bench.stops
+        stops = self.bench.stops if self._running < 0 else self._running
         try:
             plan, duration = self._planned(trajectory)
             self._end_keeping()
@@ -127,9 +128,11 @@ class RobotWorld:
     def start(self) -> None:
         """Enable the motors, and wait until the sensors have found their zero.
 
-        `execute` does so where it has not been done.  Raises a HardwareError.
+        `execute` does so the first time.  No current flows yet.  Raises HardwareError.
         """
         try:
+            if self._running not in (-1, self.bench.stops):
+                self.stop()  # what was stopped has ended before it starts again
             self._start(self.bench.stops)
         except BaseException:
             self.stop()
@@ -148,11 +151,11 @@ class RobotWorld:
     def _start(self, stops: int) -> None:
         """Start unless done; a stop since the bench had counted so many ends it."""
         if self._running != stops:
-            self.bench.check_running(stops)
+            self._running = stops  # from now on a stop stays in force
             self.bench.learn_zeros()
             self.bench.check_running(stops)
             self.bench.start(RECEIVE_TIMEOUT)
-            self._running, self._last_tick, self._failed = stops, None, None
+            self._last_tick = self._failed = None
             self._seen.clear()
             if self.measurements is None:
                 self.origin = self.clock.now()

@@ -14,7 +14,7 @@ from hardware.impedance import STRONGEST, Gains
 from hardware.motor_can import Command, Order, Quantity
 from hardware.motor_checks import LARGEST_CURRENT
 from hardware.motor_joints import JointMap
-from hardware.simulated_robot import simulated_rig
+from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.world import RobotWorld
 
 # Stopped from elsewhere
@@ -30,6 +30,10 @@ def test_a_stop_from_elsewhere_ends_an_action():
         assert setup.left_in_peace()
         assert not setup.motors_enabled()
         setup.robot.after = setup.look
+        with pytest.raises(HardwareError, match="was stopped"):
+            setup.world.execute(FREE)  # a stop stays a stop
+        assert not setup.motors_enabled()
+        setup.world.start()
         assert setup.world.execute(FREE).samples > 5  # a new start is a new start
 
 
@@ -41,6 +45,8 @@ def test_a_stop_from_elsewhere_ends_the_alignment():
         with pytest.raises(HardwareError, match="was stopped"):
             setup.world.start()
         assert setup.robot.now() - done[0] < 0.05
+        with pytest.raises(HardwareError, match="was stopped"):
+            setup.world.execute(FREE)
         assert not setup.motors_enabled()
 
 
@@ -89,8 +95,32 @@ def test_a_stop_of_the_bench_ends_the_thread_that_holds_the_fingers():
         setup.world._keeper.join(5.0)
         assert not setup.world._keeper.is_alive()
         assert not setup.motors_enabled()
-        setup.world.execute(FREE)  # starts anew
+        with pytest.raises(HardwareError, match="was stopped"):
+            setup.world.execute(FREE)
+        assert not setup.motors_enabled()
+
+
+@pytest.mark.parametrize("make", [SimulatedRobot, Patient])
+def test_a_stop_between_two_actions_is_not_forgotten(make):
+    with Setup(make=make) as setup:
+        setup.world.start()
         setup.world.stop()
+        for _ in range(2):
+            with pytest.raises(HardwareError, match="was stopped"):
+                setup.world.execute(FREE)
+            assert not setup.motors_enabled()
+        setup.world.start()
+        assert setup.motors_enabled()
+
+
+def test_a_start_after_a_stop_leaves_one_thread_that_holds_the_fingers():
+    with Setup(make=Patient) as setup:
+        setup.world.execute(FREE)
+        first = setup.world._keeper
+        setup.bench.stop()
+        setup.world.start()
+        assert not first.is_alive()
+        assert setup.world._keeper is None
 
 
 def test_a_stop_while_the_thread_begins_is_not_lost(monkeypatch):
