@@ -1,7 +1,8 @@
 """Send a recording again at the recorded times: CAN to buses, bytes to terminals.
 
-These wires replace a robot.  Pictures are not sent, as a pseudo-terminal is not a
-camera; `Recording.pictures` reads them.
+These wires replace a robot.  What programs sent, commands of motors for instance, is
+not sent: it would move a robot on the same bus.  Nor are pictures, as a pseudo-terminal
+is not a camera; `Recording.pictures` reads them.
 """
 
 from __future__ import annotations
@@ -14,16 +15,21 @@ from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 
+import can
+
 from tactilenlp.common.validation import check_range
 
 from .can_bus import open_bus, unless_lost
 from .clock import Clock, HostClock
 from .errors import HardwareError
+from .motor_can import COMMAND, REFERENCE
 from .recording import Recording
 from .rig import CAMERA, ON_CAN, Rig, stream_name
+from .serial_tactile import CONFIG_ID
 
 CHANNELS = "239.74.163.{}"  # multicast addresses that are not assigned
 REPLAY_SPEEDS = 1e-6, 1000.0  # [1], as fast as recorded
+ORDERS = {COMMAND, REFERENCE, CONFIG_ID}  # identifiers of what no device sends
 Event = tuple[float, Callable[[], None]]  # when [s], and what sends it
 
 
@@ -99,7 +105,7 @@ class Replay(AbstractContextManager):
         self._events.append(
             (message.timestamp, partial(send, message))
             for message in self.recording.messages(stream)
-            if message.is_rx is not False and not message.is_error_frame
+            if _of_device(message)
         )
 
     def _serial(self, stack: ExitStack, stream: str) -> str:
@@ -119,6 +125,12 @@ class Replay(AbstractContextManager):
         chunks = self.recording.chunks(stream)
         self._events.append((t, partial(_write, ours, chunk)) for t, chunk in chunks)
         return os.ttyname(theirs)
+
+
+def _of_device(message: can.Message) -> bool:
+    """Return whether a device sent this frame, not a program."""
+    order = message.arbitration_id in ORDERS and not message.is_extended_id
+    return message.is_rx is not False and not message.is_error_frame and not order
 
 
 def _write(terminal: int, chunk: bytes) -> None:

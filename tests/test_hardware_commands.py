@@ -16,13 +16,23 @@ from hardware.__main__ import main
 from hardware.assemble import examine
 from hardware.bench import Bench
 from hardware.errors import HardwareError
-from hardware.motor_can import Pair, Quantity, encode
+from hardware.motor_can import (
+    Command,
+    Pair,
+    Quantity,
+    encode,
+    encode_command,
+    encode_current,
+)
 from hardware.recording import Recording
 from hardware.replay import Replay
 from hardware.rig import FingerRig, stream_name
 from hardware.serial_tactile import (
+    CONFIG_ID,
     ForceFrame,
+    encode_configuration,
     encode_force,
+    to_can,
 )
 from hardware.simulated_robot import simulated_rig
 from hardware.tape import Tape
@@ -89,6 +99,30 @@ def test_a_recording_sent_out_again_can_be_recorded_again(taped, tmp_path):
         assert second == first
     assert count == sum(tape.counts.values())
     assert count > 500
+
+
+def test_commands_that_another_program_sent_are_not_sent_again(tmp_path):
+    """A listener records them as received: they would move a robot."""
+    rig = simulated_rig("optoforce_can", f"tape {next(numbers)}")
+    orders = [encode_command(Command.ENABLE_MOTOR_1, 1), encode_current(1.5, -1.5)]
+    orders += list(to_can(encode_configuration(100), CONFIG_ID))
+    measured = encode(Pair(Quantity.POSITION, (0.1, 0.2)))
+    with Tape(tmp_path / "tape", rig) as tape:
+        for one in rig.fingers:
+            for part in ("board 0", "board 1", "tactile"):
+                sink = tape.can(stream_name(one.name, part))
+                for message in (*orders, measured):
+                    message.timestamp = 1.7e9
+                    sink(message)
+
+    def config(number):
+        return {"interface": "virtual", "channel": f"orders {number}"}
+
+    recording = Recording(tmp_path / "tape")
+    with Replay(recording, config) as replay, can.Bus(**config(1)) as board:
+        assert replay.run() == 6
+        assert bytes(board.recv(timeout=0).data) == bytes(measured.data)
+        assert board.recv(timeout=0) is None
 
 
 def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
