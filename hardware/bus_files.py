@@ -10,6 +10,8 @@ sends all it measures.
 from __future__ import annotations
 
 import io
+import threading
+from collections import deque
 from collections.abc import Iterator
 from copy import copy
 from pathlib import Path
@@ -26,7 +28,11 @@ ABSOLUTE = 1e9  # [s], the year 2001: smaller stamps are no time of day
 
 
 class BusFile:
-    """Write frames to a new file; raises FileExistsError where there is one."""
+    """Write frames to a new file; raises FileExistsError where there is one.
+
+    A stop, by a signal handler or in another thread, may write while a frame is being
+    written, and an interruption (Ctrl-C) may end that: the file stays whole.
+    """
 
     def __init__(self, path: Path) -> None:
         self._blf = path.suffix == ".blf"
@@ -40,6 +46,8 @@ class BusFile:
             self._file = path.open("x", encoding="utf-8")
             self._writer = can.CanutilsLogWriter(self._file)
         self._file.flush()
+        self._waiting: deque[can.Message] = deque()
+        self._writing = threading.Lock()
 
     def write(self, message: can.Message) -> None:
         """Write one frame; raises RecordingError for a time that a .blf cannot hold."""
@@ -51,16 +59,52 @@ class BusFile:
             )  # fmt: skip
         row = copy(message)
         row.channel = None  # one file per bus; a log cannot hold every name
-        self._writer.on_message_received(row)
-        if self._blf:
-            self._file.flush()  # does nothing but after a block
+        self._waiting.append(row)
+        if self._writing.acquire(blocking=False):  # or who writes now writes it too
+            try:
+                self._drain()
+            finally:
+                self._writing.release()
 
     def close(self) -> None:
         """Write what remains, and close the file, whose disk may be full."""
         try:
-            self._writer.stop()
+            self._drain()
         finally:
-            self._file.close()
+            try:
+                self._writer.stop()
+            finally:
+                self._file.close()
+
+    def _drain(self) -> None:
+        """Write all frames that wait."""
+        while self._waiting:
+            row = self._waiting.popleft()
+            if self._blf:
+                self._put(row)
+            else:
+                self._writer.on_message_received(row)
+
+    def _put(self, row: can.Message) -> None:
+        """Write a frame to a .blf, or leave the file and its writer as they were.
+
+        python-can writes an object in several parts: half of one would make the block
+        unreadable.
+        """
+        before, place = vars(self._writer).copy(), self._file.tell()
+        parts = len(self._writer._buffer)  # of a block, which python-can appends to
+        try:
+            self._writer.on_message_received(row)
+            self._file.flush()  # does nothing but after a block
+        except Exception:
+            raise
+        except BaseException:
+            vars(self._writer).update(before)
+            del self._writer._buffer[parts:]
+            self._file.seek(place)
+            self._file.truncate()
+            self._waiting.appendleft(row)
+            raise
 
 
 def read_frames(path: Path, cut: bool) -> Iterator[can.Message]:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 
 import can
 import numpy as np
@@ -117,3 +118,58 @@ def test_all_frames_but_those_of_the_last_43_ms_are_on_the_disk(tmp_path, count)
     file.close()
     with can.BLFReader(tmp_path / "copy.blf") as reader:
         assert count - sum(1 for _ in reader) <= 8 * 1024 / 48  # [bytes] of a frame
+
+
+def at_line(number, action):
+    """Return a tracer that acts once, at a line of python-can's writer."""
+    left = [number]
+
+    def trace(stack, event, argument):
+        if "can/io" not in stack.f_code.co_filename.replace("\\", "/"):
+            return None
+        left[0] -= event == "line"
+        if left[0] == 0 and event == "line":
+            left[0] = -1
+            action()
+        return trace
+
+    return trace
+
+
+def traced(trace, write):
+    """Write with a tracer; return whether it was interrupted."""
+    sys.settrace(trace)
+    try:
+        write()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(None)
+    return False
+
+
+@pytest.mark.parametrize("bus", ["blf", "log"])
+@pytest.mark.parametrize("act", ["interrupt", "stop"])
+def test_a_frame_that_is_interrupted_anywhere_leaves_a_whole_file(tmp_path, bus, act):
+    """By Ctrl-C, or by a signal handler that stops the motors and records that."""
+    block = 8192 // 48  # frames: the next one completes a block
+    for line in range(1, 90):
+        file = BusFile(tmp_path / f"{line}.{bus}")
+
+        def interrupt(file=file):
+            if act == "stop":
+                file.write(frame(5000))
+                return
+            raise KeyboardInterrupt
+
+        for k in range(block):
+            file.write(frame(k))
+        hit = traced(at_line(line, interrupt), lambda f=file: f.write(frame(block)))
+        file.write(frame(block + 1))
+        file.close()
+        path = tmp_path / f"{line}.{bus}"
+        back = [bytes(m.data) for m in read_frames(path, cut=False)]
+        told = [*range(block), block, block + 1]
+        assert [one for one in back if one != bytes(frame(5000).data)] == [
+            bytes(frame(k).data) for k in told if bus == "blf" or not hit or k != block
+        ]
