@@ -20,8 +20,9 @@ from . import motor_can as codec
 from . import motor_checks as checks
 from .can_bus import close_bus, open_bus, unless_lost, waiting
 from .clock import Clock, HostClock, WallStamps
-from .errors import BoardError, BusError, HardwareError, RigError, StaleStreamError
-from .motor_can import Command, Content, Pair, Quantity, Status
+from .errors import BoardError, BusError, HardwareError, RigError
+from .motor_can import Command, Content, Pair, Status
+from .motor_samples import CONNECT, MotorSamples
 from .motor_stop import stop_boards
 from .ranges import check_age
 
@@ -33,11 +34,10 @@ SEND_TIME = 0.01  # [s] that an adapter may take to accept a frame
 RECEIVE_TIMEOUT = 0.1  # [s] after which the firmware switches off
 SENT = 64  # commands whose echo is known: 0.25 s of them
 INDICES = 1000  # events of the encoder index that are kept
-CONNECT = "check the power, the bus, and that the board is told to send"
 
 
 @typed_call(RigError)
-class MotorBoard(can.Listener):
+class MotorBoard(MotorSamples, can.Listener):
     """Hold the state of a board; `with` opens the bus and ends with zero current.
 
     config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
@@ -69,7 +69,8 @@ class MotorBoard(can.Listener):
         check_kind("MotorBoard.name", name, str, RigError)
         check_kind(f"{name}, config", config, Mapping, RigError)
         checks.check_current(max_current, name)
-        self.config, self.name, self.listen_only = dict(config), name, listen_only
+        super().__init__(name, remember)
+        self.config, self.listen_only = dict(config), listen_only
         self.max_current, self.sink = max_current, sink
         self.clock = clock or HostClock()
         self.driving = False  # from `start` to `stop`
@@ -78,8 +79,6 @@ class MotorBoard(can.Listener):
         self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
         self._bus: can.BusABC | None = None
         self._stamps: WallStamps | None = None
-        most = None if remember else 1
-        self._series = {quantity: deque(maxlen=most) for quantity in Quantity}
         self._heard: dict[str, float] = {}
         self._bus_error: BusError | None = None
         self._was_ready, self._order = False, None
@@ -155,38 +154,6 @@ class MotorBoard(can.Listener):
                 self.index.append((stamp, content))
             case _:
                 self.foreign += 1
-
-    def series(self, quantity: Quantity) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stamps (n,) [s] and values (n, 2) of all frames remembered."""
-        rows = np.array(self.rows(quantity), float).reshape(-1, 3)
-        return rows[:, 0], rows[:, 1:]
-
-    def rows(self, quantity: Quantity) -> list[tuple[float, float, float]]:
-        """Return the stamp [s] and two values of all frames remembered, as a copy."""
-        return list(self._series[quantity])
-
-    def newest(self, quantity: Quantity) -> np.ndarray:
-        """Return the newest values (2,); raises StaleStreamError if there are none."""
-        return np.array(self._newest(quantity)[1:])
-
-    def stamp(self, quantity: Quantity) -> float:
-        """Return the stamp [s] of these."""
-        return self._newest(quantity)[0]
-
-    def _newest(self, quantity: Quantity) -> tuple[float, float, float]:
-        if not (rows := self._series[quantity]):
-            what, got = f"no {quantity.name.lower()} is heard", "nothing so far"
-            raise StaleStreamError(what, where=self.name, got=got, next=CONNECT)
-        return rows[-1]
-
-    def remember(self) -> None:
-        """Drop the series but for the newest sample, and keep all new samples."""
-        self.forget()
-        self._series = {key: deque(rows) for key, rows in self._series.items()}
-
-    def forget(self) -> None:
-        """Drop the series but for the newest sample, and keep only the newest."""
-        self._series = {key: deque(rows, 1) for key, rows in self._series.items()}
 
     def age(self, stream: str = "POSITION") -> float:
         """Return the age [s] of a stream's newest sample, or since the bus was opened.
