@@ -87,6 +87,8 @@ class FingerBench:
 class Bench:
     """Open the drivers of a rig; `with` closes them, with zero current first.
 
+    Where no board was started or commanded, nothing is sent at the end.
+
     rig:         the description of the wires
     tape:        the recording, already opened
     listen_only: never send; otherwise `start` may be called
@@ -130,12 +132,18 @@ class Bench:
         with ExitStack() as stack:
             for driver in self._drivers:
                 stack.enter_context(driver)
-            stack.callback(self.stop)  # called first: all boards, then all buses
+            stack.callback(self._left)  # called first: all boards, then all buses
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *exception) -> None:
         self._stack.__exit__(*exception)
+
+    def _left(self) -> None:
+        """Stop, but not what another program drives."""
+        if any(board.driven for board in self.boards):
+            self.stop()
+        self.stops += 1  # a world of this bench has ended
 
     def _wired(self, one: FingerRig) -> FingerBench:
         tape, clock, tactile = self._tape, self.clock, one.tactile

@@ -40,6 +40,8 @@ INDICES = 1000  # events of the encoder index that are kept
 class MotorBoard(MotorSamples, can.Listener):
     """Hold the state of a board; `with` opens the bus and ends with zero current.
 
+    A board that was neither started nor commanded gets nothing at the end.
+
     config:      of python-can, e.g. {"interface": "socketcan", "channel": "can0"}
     name:        for messages, e.g. "finger 0, board 1"
     listen_only: never send anything.  A board sends positions only when told to: the
@@ -74,6 +76,7 @@ class MotorBoard(MotorSamples, can.Listener):
         self.max_current, self.sink = max_current, sink
         self.clock = clock or HostClock()
         self.driving = False  # from `start` to `stop`
+        self.driven = False  # whether it was started or commanded
         self.status: Status | None = None
         self.broken = self.errors = self.foreign = 0
         self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
@@ -92,7 +95,8 @@ class MotorBoard(MotorSamples, can.Listener):
 
     def __exit__(self, *exception) -> None:
         try:
-            self.stop()
+            if self.driven:
+                self.stop()
         finally:
             if (bus := self._bus) is not None:
                 self._bus = None
@@ -200,7 +204,7 @@ class MotorBoard(MotorSamples, can.Listener):
         self.poll()
         self.status, self._order = None, None
         self._heard |= dict.fromkeys(("STATUS", "VELOCITY"), self.clock.now())
-        self._was_ready, self.driving = False, True
+        self._was_ready, self.driving, self.driven = False, True, True
         self._send(codec.encode_command(Command.RECEIVE_TIMEOUT, length))
         for command in (
             *(Command.ENABLE_SYSTEM, Command.SEND_ALL),
@@ -223,6 +227,7 @@ class MotorBoard(MotorSamples, can.Listener):
     def command(self, motor_1: float, motor_2: float) -> None:
         """Set both current references [A]; raises LimitError beyond `max_current`."""
         self.check_currents(motor_1, motor_2)
+        self.driven = True
         self._send(codec.encode_current(motor_1, motor_2))
 
     def check_currents(self, *currents: float) -> None:

@@ -1,6 +1,7 @@
 """How a robot is stopped: all boards at once, whatever one of them does."""
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 
 import can
@@ -158,3 +159,21 @@ def test_a_frame_that_an_adapter_does_not_take_ends_an_action():
         with pytest.raises(BusError, match="finger 0, board 1: cannot write"):
             setup.world.execute(FREE)
         assert not any(board.current.any() for board in setup.boards[2:])
+
+
+@pytest.mark.parametrize("harm", [None, KeyboardInterrupt])
+def test_a_bench_that_did_not_drive_stops_nobody_when_it_is_left(listening, harm):
+    rig, ends = listening
+    with suppress(KeyboardInterrupt), Bench(rig, listen_only=False) as bench:
+        bench.boards[0].ask()
+        if harm is not None:
+            raise harm
+    assert [len(heard(end)) for end in ends] == [2, 0, 0, 0]
+    with Bench(rig, listen_only=False) as bench:
+        bench.boards[3].command(0.1, 0.1)
+    assert [heard(end)[k] for k, end in zip((0, 0, 0, 1), ends, strict=True)] == [
+        (REFERENCE, ZERO)
+    ] * 4
+    with Bench(rig, listen_only=False) as bench:
+        bench.stop()  # one that is told to is always sent
+    assert [len(heard(end)) for end in ends] == [4, 4, 4, 4]
