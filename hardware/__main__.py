@@ -32,7 +32,8 @@ rig.json describes fingers and wires; hardware/README.md has an example.
 RECORD = """\
 Listen to a robot and write all frames, bytes and pictures with their times to a new
 folder, until --seconds have passed, Ctrl-C or `kill`.  Returns 1 if a wire is silent
-for longer than --patience; all data received so far are then on the disk.
+for longer than --patience; all data received so far are then on the disk.  Faults of
+boards and error frames do not end it: they are printed at the end.
 
     python -m hardware record rig.json touches/ --seconds 60
 """
@@ -86,11 +87,16 @@ def _record(options: argparse.Namespace) -> int:
             while time.monotonic() - began < options.seconds:
                 time.sleep(TICK)
                 bench.poll()
-                bench.check(options.patience, options.patience)
+                bench.check_heard(options.patience)
         except KeyboardInterrupt:
             print("stopped by hand", file=sys.stderr)
     for stream, count in tape.counts.items():
         print(f"{stream}: {count}")
+    for board in bench.boards:
+        if board.errors or board.broken or board.faults:
+            faults = ", ".join(sorted(fault.name for fault in board.faults)) or "none"
+            counts = f"error frames {board.errors}, broken frames {board.broken}"
+            print(f"{board.name}: {counts}, faults {faults}")
     print(f"Recorded {time.monotonic() - began:.1f} s to {options.folder}.")
     return 0
 
@@ -184,7 +190,7 @@ def _record_options(record: argparse.ArgumentParser) -> None:
         help="tell the boards to send what they measure (no motor is enabled); without "
         "it nothing is sent, and the program that commands the robot must have done so",
     )
-    patience = "[s] of silence that end it"
+    patience = "[s] of silence that end it (of a board's status 3 s at least)"
     record.add_argument("--patience", type=float, default=3.0, help=patience)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from .can_bus import POLL_LIMIT
 from .clock import Clock, HostClock
 from .errors import HardwareError, StaleStreamError
-from .motor_board import MAX_CURRENT, STALE, MotorBoard
+from .motor_board import MAX_CURRENT, STALE, STATUS_STALE, MotorBoard
 from .motor_can import Quantity
 from .motor_checks import check_current
 from .motor_joints import POLL, start_motors
@@ -188,6 +188,16 @@ class Bench:
         for board in self.boards:
             board.check(stale)
         self.check_sensors(touch_stale)
+
+    def check_heard(self, patience: float) -> None:
+        """Raise the error of a wire that is silent for longer [s], or of a sensor.
+
+        For who only records: faults of boards and error frames do not end that.  A
+        board sends one status a second: STATUS_STALE is the least patience for it.
+        """
+        for board in self.boards:
+            board.check_ages(patience, max(patience, STATUS_STALE))
+        self.check_sensors(patience)
 
     def learn_zeros(self) -> None:
         """Find the zero of every sensor anew, before any motor is enabled.

@@ -21,7 +21,7 @@ from . import motor_checks as checks
 from .can_bus import close_bus, open_bus, unless_lost, waiting
 from .clock import Clock, HostClock, WallStamps
 from .errors import BoardError, BusError, HardwareError, RigError
-from .motor_can import Command, Content, Pair, Status
+from .motor_can import Command, Content, Fault, Pair, Status
 from .motor_samples import CONNECT, MotorSamples
 from .motor_stop import stop_boards
 from .ranges import check_age
@@ -53,7 +53,8 @@ class MotorBoard(MotorSamples, can.Listener):
                  newest one of each quantity, so that memory does not grow
 
     Read with `poll()`, or by `can.Notifier(board.bus, [board])`.  `broken` counts
-    frames that could not be decoded, `errors` error frames; `check` raises the latter.
+    frames that could not be decoded, `errors` error frames, of which `check` raises
+    bus-off; `faults` holds all that the board reported.
     `poll` maps stamps of the wall clock to `clock`; frames of a Notifier keep theirs.
     """
 
@@ -79,6 +80,7 @@ class MotorBoard(MotorSamples, can.Listener):
         self.driven = False  # whether it was started or commanded
         self.status: Status | None = None
         self.broken = self.errors = self.foreign = 0
+        self.faults: set[Fault] = set()
         self.index: deque[tuple[float, codec.EncoderIndex]] = deque(maxlen=INDICES)
         self._bus: can.BusABC | None = None
         self._stamps: WallStamps | None = None
@@ -128,14 +130,16 @@ class MotorBoard(MotorSamples, can.Listener):
         """Process one frame, of which the age is counted from `heard` [s]."""
         if self.sink is not None:
             self.sink(msg)
+        self.errors += msg.is_error_frame
         try:
             content = codec.decode(msg)
-        except BusError as bad:
-            self.errors, self._bus_error = self.errors + 1, bad
+        except BusError as bad:  # bus-off
+            self._bus_error = bad
         except HardwareError as bad:
             self.on_error(bad)
         else:
-            self._take(msg.timestamp, content, heard)
+            if not msg.is_error_frame:
+                self._take(msg.timestamp, content, heard)
             order = isinstance(content, codec.Order | codec.Reference)
             if order and bytes(msg.data) not in self._sent:  # of which echoes may come
                 self._order = content
@@ -152,6 +156,7 @@ class MotorBoard(MotorSamples, can.Listener):
                 self._heard[quantity.name] = heard
             case Status():
                 self.status = content
+                self.faults |= {content.fault} - {Fault.NONE}
                 self._heard["STATUS"] = heard
                 self._was_ready |= self.ready
             case codec.EncoderIndex():
@@ -179,7 +184,14 @@ class MotorBoard(MotorSamples, can.Listener):
         order = self._order if self.driving else None
         off = self.driving and self._was_ready and not self.ready
         checks.check_state(self.name, self.status, order, off)
-        limits = {"POSITION": stale, "STATUS": STATUS_STALE}
+        self.check_ages(stale, STATUS_STALE)
+
+    def check_ages(self, stale: float, status: float) -> None:
+        """Raise the error of a stream that is silent, as `check` does, and no other.
+
+        stale, status: [s], the largest ages of a position and of a status
+        """
+        limits = {"POSITION": stale, "STATUS": status}
         if self.driving:
             limits["VELOCITY"] = stale
         for stream, limit in limits.items():

@@ -185,13 +185,15 @@ def encode_current(motor_1: float, motor_2: float) -> can.Message:
 def decode(message: can.Message) -> Content | None:
     """Return the content of a frame, None if it is not of a motor board.
 
-    Raises BusError for an error frame, and FrameError for a frame of a board with a
-    wrong length or content.
+    Raises BusError for an error frame that says that the bus is off, and FrameError for
+    a frame of a board with a wrong length or content.  Other error frames, such as
+    "restarted", are no loss of the bus.
     """
     if message.is_error_frame:
-        off = bool(message.arbitration_id & BUS_OFF)
+        if not message.arbitration_id & BUS_OFF:
+            return None
         raise BusError(
-            "the bus is off" if off else "the bus reports an error",
+            "the bus is off",
             where=f"CAN {message.channel or ''}".strip(),
             got=f"error class 0x{message.arbitration_id:03X}",
             next="check wiring, termination and bit rate; then restart the interface",

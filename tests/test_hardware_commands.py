@@ -4,6 +4,7 @@ import importlib
 import os
 import subprocess
 import sys
+import threading
 from types import SimpleNamespace
 
 import can
@@ -15,11 +16,13 @@ from conftest import ROOT
 from hardware.__main__ import main
 from hardware.assemble import examine
 from hardware.bench import Bench
-from hardware.errors import HardwareError
+from hardware.errors import HardwareError, StaleStreamError
 from hardware.motor_can import (
     Command,
+    Fault,
     Pair,
     Quantity,
+    Status,
     encode,
     encode_command,
     encode_current,
@@ -225,6 +228,37 @@ def test_recording_a_silent_robot_ends_with_what_is_silent(tmp_path, capsys):
     assert main([*words, "--patience", "0.1"]) == 1
     assert "StaleStreamError: finger 0, board 0" in capsys.readouterr().err
     assert not Recording(tmp_path / "tape").complete
+
+
+def test_a_recording_goes_on_through_faults_and_error_frames(tmp_path, capsys):
+    rig = simulated_rig("optoforce_can", f"tape {next(numbers)}")
+    rig.save(tmp_path / "rig.json")
+    quiet = Status(True, (False, False), (False, False), Fault.RECEIVE_TIMEOUT)
+    off = can.Message(arbitration_id=0x40, data=bytes(8), is_error_frame=True)
+    words = ["record", str(tmp_path / "rig.json"), str(tmp_path / "tape")]
+    with can.Bus(**rig.fingers[0].boards[1]) as bus:
+        timer = threading.Timer(0.05, lambda: [bus.send(encode(quiet)), bus.send(off)])
+        timer.start()
+        assert main([*words, "--seconds", "0.2"]) == 0
+        timer.join()
+    said = capsys.readouterr().out
+    counts = "error frames 1, broken frames 0, faults RECEIVE_TIMEOUT"
+    assert f"finger 0, board 1: {counts}\n" in said
+    assert "finger 0, board 0: " not in said
+    assert Recording(tmp_path / "tape").complete
+
+
+def test_the_patience_of_a_recording_holds_for_the_status_too():
+    rig, clock = simulated_rig("optoforce_can", f"tape {next(numbers)}"), ManualClock()
+    with Bench(rig, clock=clock) as bench:
+        clock.time += 4.0
+        bench.check_heard(6.0)
+        with pytest.raises(StaleStreamError, match=r"expected one every 3\.5 s"):
+            bench.check_heard(3.5)
+        for board in bench.boards:
+            board._heard["POSITION"] = clock.now()
+        with pytest.raises(StaleStreamError, match="no status"):
+            bench.check_heard(1.0)
 
 
 def test_asking_sends_zero_current_and_enables_nothing(tmp_path):

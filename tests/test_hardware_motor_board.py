@@ -78,6 +78,16 @@ def test_error_frames_are_raised_once_and_change_no_measurement():
         wired.board.check()
 
 
+@pytest.mark.parametrize("error_class", [0x004, 0x100])
+def test_a_controller_that_is_active_again_is_no_loss_of_its_bus(error_class):
+    with Wired() as wired:
+        again = can.Message(arbitration_id=error_class, data=bytes(8))
+        again.is_error_frame = True
+        wired.board.on_message_received(again)
+        assert (wired.board.errors, wired.board.foreign) == (1, 0)
+        wired.board.check()
+
+
 def test_broken_and_foreign_frames_are_counted_and_nothing_else():
     with Wired() as wired:
         for identifier, size in ((0x30, 3), (0x60, 8), (0x100, 8), (0x100, 8)):

@@ -107,9 +107,12 @@ def test_a_command_value_must_fit_its_word(value):
 @pytest.mark.parametrize("error_class", [0x10, 0x20, 0x30, 0x40, 0x60, 0x100])
 def test_an_error_frame_is_never_read_as_a_measurement(error_class):
     # its class stands in the place of the identifier: bus-off looks like a velocity
-    with pytest.raises(BusError, match=f"0x{error_class:03X}") as caught:
-        decode(frame(error_class, bytes(8), is_error_frame=True))
-    assert ("the bus is off" in str(caught.value)) == bool(error_class & 0x40)
+    message = frame(error_class, bytes(8), is_error_frame=True)
+    if not error_class & 0x40:  # warnings, and that the controller was restarted
+        assert decode(message) is None
+        return
+    with pytest.raises(BusError, match=f"the bus is off.*0x{error_class:03X}"):
+        decode(message)
 
 
 @pytest.mark.parametrize("identifier", [0x000, 0x005, 0x010, 0x020, 0x030, 0x060])
