@@ -78,7 +78,7 @@ def _record(options: argparse.Namespace) -> int:
     began = time.monotonic()
     with (
         Tape(options.folder, rig, bus=options.bus) as tape,
-        Bench(rig, tape=tape, listen_only=not options.ask) as bench,
+        Bench(rig, tape=tape, listen_only=not options.ask, touches=False) as bench,
     ):
         try:
             for board in bench.boards if options.ask else ():

@@ -19,7 +19,7 @@ from .motor_stop import stop_boards
 from .rig import SERIAL, FingerRig, Rig, Tactile, stream_name
 from .streams import FingerStreams
 from .tape import Tape
-from .touch import Skin
+from .touch import NoTouch, Skin
 
 LEARN = 10.0  # [s], longest time in which the sensors find their zero
 SOON = 0.002  # [s], two frames of a board
@@ -95,6 +95,8 @@ class Bench:
     clock:       HostClock, or a simulated robot
     reader:      (tactile, name, sink, clock) -> reader of a sensor; a simulated robot
                  has its own
+    touches:     False: frames of sensors are recorded only.  No touches are made of
+                 them: to evaluate a picture takes longer than buses keep their frames
 
     Between `remember` and `forget` all samples are kept in memory, otherwise only the
     newest of each stream.  `stops` counts the calls of `stop`.
@@ -109,12 +111,14 @@ class Bench:
         max_current: float = MAX_CURRENT,
         clock: Clock | None = None,
         reader: Callable | None = None,
+        touches: bool = True,
     ) -> None:
         check_current(max_current, "Bench")
         self.rig, self.clock = rig, clock or HostClock()
         self.fingers: list[FingerBench] = []
         self.max_current, self.stops = max_current, 0
         self._tape, self._reader = tape, reader or Tactile.reader
+        self._touches = touches
         self._drive = {"listen_only": listen_only, "max_current": max_current}
         self._stack = ExitStack()
 
@@ -156,7 +160,9 @@ class Bench:
             boards.append(MotorBoard(config, **options))
         sink = tape and tape.sink(tactile.wire, stream_name(one.name, "tactile"))
         reader = self._reader(tactile, f"{one.name}, tactile", sink, clock)
-        return FingerBench(one, boards, Skin(reader, tactile.toucher()))
+        toucher = tactile.toucher()  # also checks its options
+        skin = Skin(reader, toucher if self._touches else NoTouch())
+        return FingerBench(one, boards, skin)
 
     def poll(self) -> None:
         """Read all frames that have arrived."""

@@ -200,6 +200,16 @@ class FieldTouch(_Tared):
         return Touch(time, self.decide(strength), np.zeros(3), strength)
 
 
+class NoTouch:
+    """Make no touch of any frame: for a bench that only records."""
+
+    def __call__(self, time: float, frame) -> None:
+        """Return None."""
+
+    def reset(self) -> None:
+        """Do nothing: there is no zero."""
+
+
 class Skin:
     """Collect the touches of one fingertip: from a reader's frames, by a toucher.
 

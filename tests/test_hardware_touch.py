@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.errors import FrameError
+from hardware.__main__ import main
+from hardware.bench import Bench
+from hardware.errors import FrameError, SensorError
 from hardware.serial_tactile import (
     FieldFrame,
     ForceFrame,
 )
+from hardware.simulated_robot import simulated_rig
 from hardware.streams import touch_stream
-from hardware.touch import FieldTouch, ForceTouch, Hysteresis, Tare, Touch
+from hardware.touch import FieldTouch, ForceTouch, Hysteresis, NoTouch, Tare, Touch
 
 
 def test_contact_begins_and_ends_at_two_thresholds():
@@ -71,3 +74,44 @@ def test_of_the_samples_of_one_chunk_the_last_is_of_its_time():
     stream = touch_stream("sensor", touches)
     assert stream.values[:, 2].tolist() == [15.0, 31.0, 47.0, 63.0]
     assert stream.report.doubles == 60
+
+
+def test_a_bench_that_only_records_evaluates_nothing_and_keeps_failures():
+    """Frames on the buses do not wait while pictures are evaluated."""
+
+    class Sensor:
+        name, waits = "sensor", []
+
+        def __init__(self, *given):
+            pass
+
+        __enter__ = __exit__ = lambda self, *exception: None
+
+        def take(self):
+            waits, self.waits = self.waits, []
+            return waits
+
+        def check(self, stale):
+            pass
+
+    rig = simulated_rig("optoforce_can", "only records")
+    with Bench(rig, reader=Sensor, touches=False) as bench:
+        for one in bench.fingers:
+            one.skin.reader.waits = [(0.0, "no frame: a toucher would refuse it")]
+        bench.poll()
+        assert not any(one.skin.touches for one in bench.fingers)
+        bench.check_sensors()
+        bench.fingers[1].skin.reader.waits = [(0.0, ForceFrame(0, 2 << 10, (0, 0, 0)))]
+        bench.poll()
+        with pytest.raises(SensorError, match="0x0800"):
+            bench.check_sensors()
+
+
+def test_the_recorder_evaluates_nothing(tmp_path, monkeypatch):
+    rig = simulated_rig("optoforce_can", "recorder")
+    rig.save(tmp_path / "rig.json")
+    made, enter = [], Bench.__enter__
+    monkeypatch.setattr(Bench, "__enter__", lambda b: made.append(b) or enter(b))
+    words = ["record", str(tmp_path / "rig.json"), str(tmp_path / "tape")]
+    assert main([*words, "--seconds", "0.01"]) == 0
+    assert all(isinstance(one.skin.toucher, NoTouch) for one in made[0].fingers)
