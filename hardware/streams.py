@@ -134,7 +134,8 @@ class FingerStreams:
     ) -> FingerStreams:
         """Return what a finger sent as sorted streams; FrameError for fewer than two.
 
-        rows:   of stamp [s] and two positions [rev], for each board
+        rows:   of stamp [s] and two positions [rev], for each board.  Frames without
+                times of their own have that of their reading: the last one is of then
         broken: frames of the sensor that could not be decoded
         interval: [s] between samples of the sensor, None: not known
         """
@@ -142,7 +143,7 @@ class FingerStreams:
         for board, sent in zip(boards, rows, strict=True):
             known = _table(sent)
             counted = known[:, 0], known[:, 1:], board.broken
-            streams.append(Stream.sorted(board.name, *counted))
+            streams.append(Stream.sorted(board.name, *counted, last=True))
         touch = touch_stream(f"{rig.name}, tactile", touches, broken, interval)
         places, latency = (rig.geometry, rig.joints), rig.tactile.latency
         return cls(rig.name, *places, tuple(streams), touch, latency)

@@ -8,7 +8,17 @@ from bench_wires import NOON, straight, streams
 
 from hardware.assemble import LARGEST_GAP, assemble, examine
 from hardware.errors import ClockError, CompletenessError, FrameError
-from hardware.streams import CONTACT, DECIDED, NORMAL, VALID, Stream, touch_stream
+from hardware.motor_board import MotorBoard
+from hardware.simulated_robot import simulated_rig
+from hardware.streams import (
+    CONTACT,
+    DECIDED,
+    NORMAL,
+    VALID,
+    FingerStreams,
+    Stream,
+    touch_stream,
+)
 from hardware.touch import Touch
 
 # The grid
@@ -37,6 +47,17 @@ def test_an_action_is_cut_out_at_its_start_and_end():
     data = assemble(fingers, start=NOON + 0.5, end=NOON + 1.5, origin=NOON)
     assert data.time[0] == pytest.approx(0.5, abs=1e-5)
     assert data.time[-1] == pytest.approx(1.5, abs=1e-5)
+
+
+def test_of_the_positions_of_one_reading_the_last_is_of_its_time():
+    """An adapter with a clock of its own: frames have the time of their reading."""
+    rows = [(NOON + 0.016 * (k // 16), float(k), 0.0) for k in range(64)]
+    boards = [MotorBoard({}, name=f"board {k}") for k in range(2)]
+    touches = [Touch(NOON + k, False, np.zeros(3), 0.0) for k in range(3)]
+    rig = simulated_rig("optoforce_can").fingers[0]
+    for stream in FingerStreams.of(rig, boards, [rows, rows], touches).boards:
+        assert stream.values[:, 0].tolist() == [15.0, 31.0, 47.0, 63.0]
+        assert stream.report.doubles == 60
 
 
 def test_streams_that_never_meet_are_refused():
