@@ -200,7 +200,9 @@ def _interpolated(stream: Stream, time: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Return values (n, 2) between neighbours, and whether these are close enough."""
     known = stream.time
     after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
-    gap = known[after] - known[after - 1]
+    ends = known[[after - 1, after]]  # (2, n)
+    close = np.diff(ends, axis=0)[0] <= LARGEST_GAP
+    close |= (abs(ends - time) <= ROUNDING).any(axis=0)  # measured then
     inside = (time >= known[0] - ROUNDING) & (time <= known[-1] + ROUNDING)
     columns = [np.interp(time, known, values) for values in stream.values.T]
-    return np.stack(columns, axis=-1), inside & (gap <= LARGEST_GAP)
+    return np.stack(columns, axis=-1), inside & close

@@ -46,8 +46,8 @@ class Poses:
     def at(self, time: np.ndarray) -> Poses:
         """Return the poses at times (n,) [s]: linear, slerp, between close pictures.
 
-        Not valid outside the record, and where neighbours are further apart than two
-        pictures at their median interval.
+        Not valid outside the record, and between neighbours that are further apart than
+        two pictures at their median interval.
         """
         time = np.asarray(time, float)
         good = np.flatnonzero(self.valid)
@@ -55,8 +55,9 @@ class Poses:
             return _nothing(time)
         known, p_w = self.time[good], self.position[good]
         after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
-        gap = known[after] - known[after - 1]
-        close = gap <= LARGEST_GAP * np.median(np.diff(self.time))
+        ends = known[[after - 1, after]]  # (2, n)
+        close = np.diff(ends, axis=0)[0] <= LARGEST_GAP * np.median(np.diff(self.time))
+        close |= (time == ends).any(axis=0)  # of that picture
         valid = (known[0] <= time) & (time <= known[-1]) & close
         inside = np.clip(time, known[0], known[-1])
         position = np.stack([np.interp(inside, known, p) for p in p_w.T], axis=-1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bench_wires import NOON, straight, streams
 
-from hardware.assemble import LARGEST_GAP, assemble, examine
+from hardware.assemble import LARGEST_GAP, _interpolated, assemble, examine
 from hardware.errors import ClockError, CompletenessError, FrameError
 from hardware.motor_board import MotorBoard
 from hardware.simulated_robot import simulated_rig
@@ -106,6 +106,21 @@ def test_an_old_touch_is_no_measurement_rather_than_no_contact():
     assert data.contact[12, 0]  # 33 ms old
     assert not data.contact[13:17, 0].any()
     assert data.valid[:, 1].all()
+
+
+def test_a_position_at_the_end_of_a_hole_is_known_at_its_own_time():
+    one = straight()
+    wires = streams(one, 0)
+    times, values = wires.boards[0].time, wires.boards[0].values
+    hole = slice(np.searchsorted(times, NOON + 0.4), np.searchsorted(times, NOON + 0.5))
+    known = times[[hole.start - 1, hole.stop]]
+    holed = Stream.sorted(
+        "holed", np.delete(times, hole), np.delete(values, hole, axis=0)
+    )
+    felt = np.r_[known, np.add(known, [1e-3, -1e-3])]
+    at, valid = _interpolated(holed, felt)
+    assert valid.tolist() == [True, True, False, False]
+    assert at[1].tolist() == values[hole.stop].tolist()
 
 
 def test_a_hole_in_the_encoders_is_no_measurement():

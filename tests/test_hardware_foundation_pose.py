@@ -131,3 +131,11 @@ def test_times_must_fit_the_pictures(tmp_path):
 def test_a_folder_without_poses_is_refused(tmp_path):
     with pytest.raises(RecordingError, match="ob_in_cam"):
         load_poses(tmp_path)
+
+
+def test_a_pose_at_the_end_of_a_gap_is_valid_at_its_own_time(tmp_path):
+    X, kept = motions(13), [0, 1, 2, 3, 10, 11, 12]
+    write(tmp_path, X[kept], kept)
+    poses = load_poses(tmp_path, times=np.arange(13) / 30)
+    assert np.flatnonzero(poses.at(poses.time).valid).tolist() == kept
+    assert not poses.at(poses.time[[3, 10]] + [1e-3, -1e-3]).valid.any()
