@@ -35,19 +35,20 @@ LONG = 2.0  # [s], least record from which the rate of a device's clock is fitte
 class Recording:
     """Read a recorded folder; raises RecordingError if it is not one.
 
-    `complete` says whether the recording ended without an error.
+    `complete` says whether the recording ended without an error: then what is read of
+    a stream is compared with what the manifest says was written.
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         path = self.folder / MANIFEST
-        others = OSError, ValueError, KeyError, TypeError, RecursionError
         fix = "`python -m hardware record`"
-        with translated(RecordingError, "no recording", path, fix, others):
+        with translated(RecordingError, "no recording", path, fix):
             with open_file(path, RecordingError) as stream:
                 self.manifest = json.load(stream)
             form, rig = self.manifest["format"], self.manifest["rig"]
             self.complete = self.manifest["complete"] is True
+            self._counts = {k: int(n) for k, n in self.manifest["counts"].items()}
         if form != FORMAT:
             raise RecordingError(
                 "another format", where=str(path), got=f"{form}", expected=f"{FORMAT}"
@@ -63,10 +64,14 @@ class Recording:
 
         A recording that is not complete may end in the middle of a frame.
         """
-        yield from read_frames(self._bus(stream), cut=not self.complete)
+        frames = read_frames(self._bus(stream), cut=not self.complete)
+        yield from self._whole(stream, frames)
 
     def chunks(self, stream: str) -> Iterator[tuple[float, bytes]]:
         """Yield the time [s] and bytes of each chunk of a serial line."""
+        yield from self._whole(stream, self._chunks(stream))
+
+    def _chunks(self, stream: str) -> Iterator[tuple[float, bytes]]:
         raw = self._read(f"{stream}.bin")
         at = 0
         for time, size in self._rows(stream, _size):
@@ -78,12 +83,31 @@ class Recording:
 
     def pictures(self, stream: str) -> Iterator[tuple[float, np.ndarray]]:
         """Yield the time [s] and each picture of a camera."""
+        yield from self._whole(stream, self._pictures(stream))
+
+    def _pictures(self, stream: str) -> Iterator[tuple[float, np.ndarray]]:
         for time, name in self._rows(stream, _plain_name):
             path = self.folder / stream / name
             picture = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
             if picture is None:
                 raise RecordingError("no picture", where=str(path))
             yield time, picture
+
+    def _whole(self, stream: str, parts: Iterator) -> Iterator:
+        """Yield all parts; RecordingError where a complete recording lacks some."""
+        count = 0
+        for count, part in enumerate(parts, start=1):  # noqa: B007 (used below)
+            yield part
+        written = self._counts.get(stream, 0)
+        if self.complete and count < written:
+            raise RecordingError(
+                "a part of the recording is missing",
+                where=f"{self.folder}, {stream}",
+                got=f"{count} frames, chunks or pictures",
+                expected=f"{written}, by {MANIFEST}",
+                next='copy the folder again, or read what there is with "complete": '
+                "false in the manifest",
+            )
 
     def _finger(self, one: FingerRig) -> FingerStreams:
         boards = []

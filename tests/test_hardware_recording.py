@@ -185,6 +185,12 @@ def test_serial_bytes_and_their_times_come_back(tmp_path):
 # Clocks of devices
 
 
+def retold(folder, **parts):
+    """Change parts of the manifest of a recording."""
+    content = json.loads((folder / MANIFEST).read_text())
+    (folder / MANIFEST).write_text(json.dumps(content | parts))
+
+
 def test_samples_that_a_bus_lost_are_counted_by_the_speed_of_the_sensor(copy):
     """Every second sample is missing: by the median interval none would be."""
     before = Recording(copy).fingers()[0].touch.report
@@ -196,6 +202,7 @@ def test_samples_that_a_bus_lost_are_counted_by_the_speed_of_the_sensor(copy):
         if k // 2 % 2 == 0:  # a sample is two frames
             file.write(message)
     file.close()
+    retold(copy, counts={})  # they were not written
     after = Recording(copy).fingers()[0].touch.report
     assert before.lost == 0
     assert after.lost == after.samples - 1
@@ -211,7 +218,12 @@ def copy(taped, tmp_path):
     return shutil.copytree(folder, tmp_path / "copy")
 
 
-@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"format": 7, "rig": {}}'])
+COUNTS = '{"format": 1, "complete": true, "counts": {"bus": Infinity}, "rig": {}}'
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{}", "[1]", '{"format": 7, "rig": {}}', COUNTS]
+)
 def test_what_is_no_manifest_is_refused(copy, content):
     (copy / MANIFEST).write_text(content)
     with pytest.raises(RecordingError, match=r"manifest\.json"):
@@ -222,6 +234,26 @@ def test_a_missing_stream_is_named(copy):
     next(copy.glob("finger_1_board_0.*")).unlink()
     with pytest.raises(RecordingError, match="finger_1_board_0"):
         Recording(copy).fingers()
+
+
+def test_a_complete_recording_of_which_a_part_is_missing_is_refused(tmp_path):
+    """A copy that was interrupted: what remains can be read without an error."""
+    frames = [encode(Pair(Quantity.POSITION, (k, 0.0)), 1.7e9 + k) for k in range(9)]
+    with Tape(tmp_path / "tape", simulated_rig("optoforce"), bus="log") as tape:
+        bus, serial = tape.can("bus"), tape.bytes("serial")
+        for frame in frames:
+            bus(frame)
+            serial(bytes(24), frame.timestamp)
+    assert len(list(Recording(tmp_path / "tape").chunks("serial"))) == 9
+    log, raw = tmp_path / "tape" / "bus.log", tmp_path / "tape" / "serial.bin"
+    log.write_text("".join(log.read_text().splitlines(True)[:6]))
+    raw.write_bytes(raw.read_bytes()[: 7 * 24])
+    whole = Recording(tmp_path / "tape")
+    for read, got in ((whole.messages("bus"), 6), (whole.chunks("serial"), 7)):
+        with pytest.raises(RecordingError, match=f"expected 9, .*got {got} frames"):
+            list(read)
+    retold(tmp_path / "tape", complete=False)
+    assert len(list(Recording(tmp_path / "tape").messages("bus"))) == 6
 
 
 def test_damaged_buses_raise_nothing_but_our_errors(copy):
@@ -246,6 +278,7 @@ def test_a_table_whose_end_is_missing_gives_what_is_whole(tmp_path):
         sink = tape.bytes("s")
         for k in range(10):
             sink(bytes([k] * 5), float(k))
+    retold(tmp_path / "tape", complete=False)
     table = tmp_path / "tape" / "s.csv"
     table.write_text(table.read_text()[:-6])
     assert len(list(Recording(tmp_path / "tape").chunks("s"))) == 9
