@@ -139,12 +139,21 @@ class ClockMap:
         return self.rate * (np.asarray(device, float) - self.origin) + self.start
 
     @classmethod
-    def fit(cls, device: np.ndarray, host: np.ndarray, unit: float = 1.0) -> ClockMap:
+    def fit(
+        cls,
+        device: np.ndarray,
+        host: np.ndarray,
+        unit: float = 1.0,
+        drift: float = LARGEST_DRIFT,
+    ) -> ClockMap:
         """Return the map under device times (n,) [unit s] and arrivals (n,) [s].
 
-        unit: [s], nominal length of a unit of the device.  The least delay of the
-        transport is not observable and stays in the map.  Raises ClockError for fewer
-        than two times, times that run backwards, and a drift beyond 1e-3.
+        unit:  [s], nominal length of a unit of the device
+        drift: [1], largest deviation from it
+
+        The least delay of the transport is not observable and stays in the map.  Raises
+        ClockError for fewer than two times, times that run backwards, and a larger
+        drift.
         """
         device = numbers_of("device", device, ClockError, "n", finite=True)
         host = numbers_of("host", host, ClockError, "n", finite=True)
@@ -158,11 +167,11 @@ class ClockMap:
         edge = min(np.searchsorted(x[hull], middle, side="right"), len(hull) - 1)
         left, right = hull[edge - 1], hull[edge]
         rate = (y[right] - y[left]) / (x[right] - x[left])
-        if abs(rate / unit - 1) > LARGEST_DRIFT:
+        if not abs(rate / unit - 1) <= drift:
             raise ClockError(
                 "the device's clock does not run with the host's",
                 got=f"{rate:.6g} s per unit",
-                expected=f"{unit:.6g} s within {LARGEST_DRIFT:g}",
+                expected=f"{unit:.6g} s within {drift:g}",
                 next="check the unit of the stamps, or record for longer",
             )
         offset = y[left] - rate * x[left]

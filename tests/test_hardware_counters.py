@@ -55,6 +55,24 @@ def test_a_sensor_that_sends_at_another_rate_than_told_is_named(count):
         device_times(frames, 1e-3)
 
 
+@pytest.mark.parametrize("seconds", [0.8, 1.9, 4.0])
+@pytest.mark.parametrize("drift", [5e-4, 2e-3, -0.015])
+def test_an_oscillator_that_is_off_is_mapped(drift, seconds):
+    count = round(1000 * seconds)
+    true = 1.7e9 + np.arange(count) / 1000 * (1 + drift)
+    arrival = true[np.minimum((np.arange(count) // 16 + 1) * 16 - 1, count - 1)]
+    frames = counted(range(count), arrival)
+    assert np.abs(device_times(frames, 1e-3) - true).max() < 2e-3
+
+
+@pytest.mark.parametrize("seconds", [0.8, 1.9, 4.0])
+@pytest.mark.parametrize("drift", [0.03, -0.09])
+def test_a_rate_that_no_oscillator_has_is_refused_however_short(drift, seconds):
+    true = 1.7e9 + np.arange(round(1000 * seconds)) / 1000 * (1 + drift)
+    with pytest.raises(ClockError, match=r"tactile\.speed"):
+        device_times(counted(range(len(true)), true), 1e-3)
+
+
 def test_a_counter_that_wrapped_unheard_keeps_the_time():
     counters = [*range(20_000), *(k % 65536 for k in range(90_000, 100_000))]
     true = 1.7e9 + np.r_[np.arange(20_000), np.arange(90_000, 100_000)] / 1000

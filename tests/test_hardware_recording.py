@@ -206,7 +206,7 @@ def test_samples_that_a_bus_lost_are_counted_by_the_speed_of_the_sensor(copy):
     after = Recording(copy).fingers()[0].touch.report
     assert before.lost == 0
     assert after.lost == after.samples - 1
-    assert after.rate == pytest.approx(50)
+    assert after.rate == pytest.approx(50, rel=1e-3)  # fitted to arrivals of a second
 
 
 # Damage
