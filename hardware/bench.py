@@ -73,11 +73,11 @@ class FingerBench:
         for an action of a minute: meanwhile a thread holds the fingers.
         """
         rows = [board.rows(Quantity.POSITION) for board in self.boards]
-        touches = list(self.skin.touches)
+        touches, broken = list(self.skin.touches), self.skin.broken
         # On a serial line the samples of a chunk have one time.
         told = self.rig.tactile.interval if self.rig.tactile.wire != SERIAL else None
         return partial(
-            FingerStreams.of, self.rig, self.boards, rows, touches, interval=told
+            FingerStreams.of, self.rig, self.boards, rows, touches, broken, told
         )
 
     def _newest(self, quantity: Quantity) -> np.ndarray:

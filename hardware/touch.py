@@ -221,6 +221,7 @@ class Skin:
     def __init__(self, reader, toucher: Toucher) -> None:
         self.reader, self.toucher, self._failure = reader, toucher, None
         self.touches: deque[Touch] = deque(maxlen=1)
+        self._broken = 0  # when `remember` was called
 
     def __enter__(self) -> Skin:
         self.reader.__enter__()
@@ -228,6 +229,16 @@ class Skin:
 
     def __exit__(self, *exception) -> None:
         self.reader.__exit__(*exception)
+
+    @property
+    def broken(self) -> int:
+        """The number of frames since `remember` that could not be decoded."""
+        return self._counted() - self._broken
+
+    def _counted(self) -> int:
+        """Return the count of the framer; a camera has none."""
+        framer = getattr(self.reader, "framer", None)
+        return 0 if framer is None else framer.broken
 
     def poll(self) -> None:
         """Read the frames of the sensor; raises the errors of the toucher."""
@@ -263,6 +274,7 @@ class Skin:
     def remember(self) -> None:
         """Drop all touches but the newest, and keep all new ones."""
         self.touches = deque(deque(self.touches, 1))
+        self._broken = self._counted()
 
     def forget(self) -> None:
         """Drop all touches but the newest, and keep only the newest."""

@@ -146,3 +146,24 @@ def test_a_bus_error_beside_a_sensor_is_no_failure_of_it():
         skin.reader.on_message_received(frame)
         skin.poll()
         skin.check(1.0)
+
+
+def test_broken_frames_of_an_action_are_counted_in_its_report():
+    with Setup() as setup:
+        setup.world.start()
+        sensor = setup.bench.fingers[0].skin.reader
+        bad = bytearray(encode_force(ForceFrame(1, 0, (5, 5, 5))))
+        bad[7] ^= 1
+
+        def send(count):
+            for message in count * to_can(bytes(bad), DATA_ID, setup.robot.wall()):
+                sensor.on_message_received(message)
+
+        for _ in range(2):  # those of before an action do not count
+            send(5)
+            setup.bench.remember()
+            send(3)
+            setup.robot.sleep(0.1)
+            setup.bench.poll()
+            first, second = (made() for made in setup.bench.taken())
+            assert (first.touch.report.broken, second.touch.report.broken) == (3, 0)
