@@ -43,22 +43,20 @@ class Lens:
 
     centre: (u, v) [px] of the dome's axis in the picture, u to the right, v down
     edge:   [px] from there to the rim of the field of view
-    angle:  [rad] of the rim from the axis
-    radius: [m] of the dome; together with `angle` the nominal model of a DenseTact
+    angle:  [rad] of the rim from the axis, by default that of a DenseTact
 
-    The sensor's frame: x along u, y along v, z out of the dome's top.
+    The sensor's frame: x along u, y along v, z out of the dome's top.  The radius of
+    the dome is `tip_radius` of the finger.
     """
 
     centre: tuple[float, float]
     edge: float
     angle: float = math.radians(80)
-    radius: float = 0.015
 
     def __post_init__(self) -> None:
         check_ranges("Lens.centre", self.centre, 2, -WIDEST, WIDEST, "px", RigError)
         check_range("Lens.edge", self.edge, NARROWEST, WIDEST, "px", RigError)
         check_range("Lens.angle", self.angle, 1e-3, math.pi / 2, "rad", RigError)
-        check_range("Lens.radius", self.radius, 1e-4, 1.0, "m", RigError)
 
     def direction(self, pixel: np.ndarray) -> np.ndarray:
         """Return the outward normals (..., 3) of the dome seen at pixels (..., 2)."""

@@ -102,7 +102,14 @@ class Tactile:
             if self.wire == CAMERA:
                 from .optical import Lens, OpticalTouch  # an extra
 
-                return OpticalTouch(Lens(**options.pop("lens")), **options)
+                lens = options.pop("lens")
+                if "radius" in lens:
+                    raise RigError(
+                        "a lens has no radius", where="tactile.touch.lens",
+                        got=lens["radius"],
+                        next="remove it: that of the dome is the tip_radius",
+                    )  # fmt: skip
+                return OpticalTouch(Lens(**lens), **options)
             return make(**options)
         except (TypeError, KeyError, FrameError) as bad:
             raise RigError("wrong options", where="tactile.touch", got=bad) from bad

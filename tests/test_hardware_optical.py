@@ -17,6 +17,7 @@ from hardware.errors import (
 )
 from hardware.optical import LEAST, Lens, OpticalTouch
 from hardware.optical_flow import Flow, grey, normalised
+from hardware.rig import Tactile
 from hardware.simulated_robot import SimulatedRobot, simulated_rig
 from hardware.simulated_skin import SimulatedSkin
 
@@ -93,6 +94,13 @@ def test_the_rim_of_the_picture_is_80_degrees_off_axis():
     rim = LENS.direction([LENS.centre[0] + LENS.edge, LENS.centre[1]])
     assert np.degrees(np.arccos(rim[2])) == pytest.approx(80)
     assert rim[0] > 0  # x to the right
+
+
+def test_the_radius_of_a_dome_has_one_place_in_a_rig():
+    """A second one, of the lens, was checked and used nowhere."""
+    lens = {"centre": (160, 120), "edge": 118, "radius": 0.5}
+    with pytest.raises(RigError, match=r"lens: a lens has no radius.*tip_radius"):
+        Tactile("densetact", touch={"lens": lens}).toucher()
 
 
 def test_a_lens_that_cannot_be_is_refused():
