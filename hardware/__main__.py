@@ -13,7 +13,7 @@ from tactilenlp.errors import TactileError
 from .assemble import COMPLETE, RATE, SHARES, assemble, examine
 from .bench import Bench
 from .bus_files import FORMATS
-from .errors import LimitError
+from .errors import LimitError, RigError
 from .recording import Recording
 from .replay import Replay
 from .rig import Rig
@@ -41,7 +41,8 @@ REPLAY = """\
 Send a recording again at the recorded times: CAN frames on buses, serial bytes on
 pseudo-terminals.  Writes the rig file that describes these wires.
 
-    python -m hardware replay touches/ --rig replayed.json --interface virtual
+    python -m hardware replay touches/ --rig replayed.json
+    python -m hardware replay touches/ --rig r.json --interface socketcan
 """
 CHECK = """\
 Print for every stream the number of samples, their rate and jitter, and how many are
@@ -57,6 +58,7 @@ marked as not valid, never as no contact; too many missing samples are an error.
     python -m hardware assemble touches/ touches.npz
 """
 FOREVER = 1e9  # [s]
+VIRTUAL = "virtual"  # the interface of python-can within one process
 TICK = 0.005  # [s] between two readings of the wires
 
 
@@ -127,6 +129,12 @@ def _assemble(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     check_range("--wait", options.wait, 0.0, 3600.0, "s", LimitError)
     config = None
+    if options.interface == VIRTUAL:
+        raise RigError(
+            "no other process hears a virtual bus", where="--interface", got=VIRTUAL,
+            expected="an interface that other processes can open",
+            next="leave it out (UDP multicast), or use Replay within your program",
+        )  # fmt: skip
     if options.interface:
 
         def config(number: int) -> dict:

@@ -128,6 +128,13 @@ def test_commands_that_another_program_sent_are_not_sent_again(tmp_path):
         assert board.recv(timeout=0) is None
 
 
+def test_a_replay_that_no_other_process_hears_is_refused(taped, tmp_path, capsys):
+    words = ["replay", str(taped[0]), "--rig", str(tmp_path / "rig.json")]
+    assert main([*words, "--interface", "virtual"]) == 1
+    assert "no other process hears a virtual bus" in capsys.readouterr().err
+    assert not (tmp_path / "rig.json").exists()
+
+
 def test_serial_bytes_are_sent_to_a_terminal(tmp_path):
     rig = simulated_rig("optoforce", f"tape {next(numbers)}")
     sent = [encode_force(ForceFrame(k, 0, (k, 0, -k))) for k in range(20)]
