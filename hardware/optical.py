@@ -98,6 +98,10 @@ class Sensed:
 class OpticalTouch:
     """Make touches of pictures; the first second must be without contact.
 
+    There are no touches of the next second: each of its pictures lets one of the first
+    second be evaluated for the thresholds.  All at once would take as long, while the
+    frames of the buses wait to be read.
+
     lens:   the nominal model of the sensor
     mount:  R_ts (3, 3), from the sensor's frame to the tip's
     rest:   pictures from which reference and thresholds are learnt
@@ -117,6 +121,7 @@ class OpticalTouch:
         self.rest = rest
         self.decide: Hysteresis | None = None
         self._waiting: list[np.ndarray] = []
+        self._strengths: list[float] = []
         self._flow: Flow | None = None
         half = math.ceil(lens.edge)
         self._corner = np.round(lens.centre).astype(int) - half
@@ -128,11 +133,9 @@ class OpticalTouch:
         self._within = ndimage.binary_erosion(self._hodge.mask)
 
     def __call__(self, time: float, frame: np.ndarray) -> Touch | None:
-        """Return the touch, None while the reference is being learnt."""
+        """Return the touch, None while reference and thresholds are being learnt."""
         if self.decide is None:
-            self._waiting.append(self._cropped(frame))
-            if len(self._waiting) >= self.rest:
-                self._learn(self._waiting)
+            self._learn_from(self._cropped(frame))
             return None
         sensed = self.sense(frame)
         if sensed.agreement < SURE:
@@ -145,11 +148,15 @@ class OpticalTouch:
 
     def reset(self) -> None:
         """Learn reference and thresholds again, from the next pictures."""
-        self.decide, self._flow, self._waiting = None, None, []
+        self.decide = self._flow = None
+        self._waiting, self._strengths = [], []
 
     def learn(self, frames: Iterable[np.ndarray]) -> None:
         """Take the mean of pictures without contact as reference, learn thresholds."""
-        self._learn([self._cropped(frame) for frame in frames])
+        self.reset()
+        self._refer([self._cropped(frame) for frame in frames])
+        while self.decide is None:
+            self._evaluate_one()
 
     def sense(self, frame: np.ndarray) -> Sensed:
         """Return what is measured in a picture; raises FrameError before `learn`."""
@@ -164,15 +171,29 @@ class OpticalTouch:
         pressure = -self._hodge.potential(self._coarse(flow))
         return Sensed(*self._centre(pressure), float(agree.mean()), pressure)
 
-    def _learn(self, frames: list[np.ndarray]) -> None:
+    def _learn_from(self, cropped: np.ndarray) -> None:
+        """Take one more picture: a first one, or let one of these be evaluated."""
+        if self._flow is not None:
+            self._evaluate_one()
+            return
+        self._waiting.append(cropped)
+        if len(self._waiting) >= self.rest:
+            self._refer(self._waiting)
+
+    def _refer(self, frames: list[np.ndarray]) -> None:
+        """Make the reference of pictures, which wait to be evaluated."""
         if len(frames) < 2:
             expected = "two pictures without contact or more"
             raise FrameError("nothing to learn", got=len(frames), expected=expected)
         self._flow = Flow(np.mean(frames, axis=0).round().astype(np.uint8))
-        self._waiting = []
-        strengths = [self._sensed(frame).strength for frame in frames]
-        least = LEAST * (2 * self.lens.edge / ACROSS) ** 2
-        self.decide = Hysteresis.learn(strengths, least)
+        self._waiting = frames
+
+    def _evaluate_one(self) -> None:
+        """Evaluate a picture without contact; learn the thresholds after the last."""
+        self._strengths.append(self._sensed(self._waiting.pop()).strength)
+        if not self._waiting:
+            least = LEAST * (2 * self.lens.edge / ACROSS) ** 2
+            self.decide = Hysteresis.learn(self._strengths, least)
 
     def _cropped(self, frame: np.ndarray) -> np.ndarray:
         """Return the square about the disc (size, size) uint8; raises FrameError."""

@@ -167,11 +167,24 @@ def test_the_first_second_is_the_reference(skin):
     sensor = OpticalTouch(LENS, rest=6)
     with pytest.raises(FrameError, match="no reference yet"):
         sensor.sense(skin.picture())
-    assert [sensor(k, skin.picture()) for k in range(6)] == [None] * 6
+    assert [sensor(k, skin.picture()) for k in range(12)] == [None] * 12
     assert sensor.decide.on == pytest.approx(LEAST * (236 / 256) ** 2)
     quiet = [sensor(k, skin.picture()) for k in range(10)]
     assert not any(touch.contact for touch in quiet)
     assert all(touch.valid for touch in quiet)
+
+
+def test_no_picture_takes_longer_to_learn_than_another(skin, monkeypatch):
+    """Buses wait meanwhile: one picture is evaluated at a time."""
+    sensor, evaluated = OpticalTouch(LENS, rest=5), []
+    sense = sensor._sensed
+    monkeypatch.setattr(sensor, "_sensed", lambda c: evaluated.append(c) or sense(c))
+    pressed = skin.picture(towards(20, 0), 2.0)
+    for k in range(10):  # the thresholds are those of the first five
+        assert sensor(k, skin.picture() if k < 5 else pressed) is None
+        assert len(evaluated) == max(k - 4, 0)
+    assert sensor.decide.on == pytest.approx(LEAST * (236 / 256) ** 2)
+    assert sensor(10, pressed).contact
 
 
 def test_contact_is_kept_between_the_two_thresholds(skin, sensor):
