@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from conftest import RECORDED, benchmark
+from scipy.spatial.transform import Rotation
 
 NAMES = ["side x", "position x", "rotation z"]
 C = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.2], [0.0, 0.2, 9.0]]) * 1e-6
@@ -70,6 +71,36 @@ def test_a_report_is_a_table_a_file_and_a_picture(report, tmp_path, capsys):
     assert "as far as the runs can tell" in said
     assert (tmp_path / "monte_carlo.png").stat().st_size > 1000
     assert (tmp_path / "monte_carlo.csv").read_text().count("\n") == 4
+
+
+def test_covariances_of_sizes_are_moved_to_the_true_axes(report):
+    import monte_carlo
+
+    names = ["side x", "side y", "side z", "position x"]
+    order = monte_carlo.on_true_axes(names, np.array([1, 0, 2]))
+    assert np.diag(np.diag([1.0, 2, 3, 4])[order]).tolist() == [2, 1, 3, 4]
+
+
+@pytest.mark.slow
+def test_errors_are_modulo_the_symmetry_of_a_box_whose_y_is_longer(report, tmp_path):
+    """Estimates have axes x >= y, and the truth here has not."""
+    import monte_carlo
+
+    with np.load(RECORDED) as file:
+        arrays = dict(file)
+    sides, turn = arrays["side_lengths"], arrays["object_quaternion"]
+    assert sides[0] > sides[1]
+    arrays["side_lengths"] = sides[[1, 0, 2]]
+    quarter = Rotation.from_euler("z", 90, degrees=True)
+    turned = Rotation.from_quat(turn, scalar_first=True) * quarter
+    arrays["object_quaternion"] = turned.as_quat(scalar_first=True)
+    np.savez(tmp_path / "turned.npz", **arrays)
+    file = str(tmp_path / "turned.npz")
+    row = monte_carlo.measure(file, 6, 0, monte_carlo.NOISE)
+    error = dict(zip(row["names"], row["error"], strict=True))
+    sides = [error[f"side {axis}"] for axis in "xyz"]
+    assert np.abs(sides).max() < 5e-3
+    assert abs(error["rotation z"]) < np.radians(5)
 
 
 @pytest.mark.slow

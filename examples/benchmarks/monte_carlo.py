@@ -3,9 +3,10 @@
 python examples/benchmarks/monte_carlo.py ../shared/scenes/cuboid_02.npz ... --count 60
 
 Each recording is measured again `count` times with new noise and solved from its true
-motion, so that one local optimum is studied.  Every result is saved in one file in the
-folder (study.py), and a run that was stopped resumes.  `measure` is a plain function of
-plain arguments, so any concurrent.futures executor can distribute it.
+motion, so that one local optimum is studied.  Errors and covariances are modulo the
+symmetries of a box: sizes are on the true axes.  Every result is saved in one file in
+the folder (study.py), and a run that was stopped resumes.  `measure` is a plain
+function of plain arguments, so any concurrent.futures executor can distribute it.
 """
 
 from dataclasses import replace
@@ -14,7 +15,7 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from estimate_cuboid import Truth
+from estimate_cuboid import Truth, apart
 from report_monte_carlo import FILE, report
 from study import executor_of, run_study, study_parser
 
@@ -26,6 +27,7 @@ from tactilenlp.geometry.transforms import rotation_of
 TILTED = np.radians(20)  # an object whose axes turn this much out of the flat tumbles
 NOISE = {"position": 1e-3, "normal": np.radians(5), "flips": 0.01}  # [m], [rad], [1]
 KINDS = ("exact", "sandwich", "gauss_newton", "paper")
+FREE = [f"{q} {w}" for q in ("side", "position", "rotation") for w in "xyz"]
 
 
 @cache
@@ -54,22 +56,28 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
     row |= {"success": bool(estimate.success), "cpu_s": process_time() - began}
     if not estimate.success:
         return row
-    R_we, R_wt = (rotation_of(c.quaternion[last]) for c in (estimate, truth))
-    error = np.r_[
-        estimate.side_lengths - truth.side_lengths,
-        estimate.position[last] - truth.position[last],
-        (R_we * R_wt.inv()).as_rotvec(),
-    ]
-    names = estimate.information.names
-    free = [f"{q} {w}" for q in ("side", "position", "rotation") for w in "xyz"]
-    row |= {"names": names, "error": [error[free.index(n)] for n in names]}
-    row["user"] = estimate.information.covariance().tolist()
+    error, names = apart(estimate, truth, last), estimate.information.names
+    free = np.r_[error.side_lengths, error.position, error.rotation_vector]
+    free = dict(zip(FREE, free, strict=True))
+    row |= {"names": names, "error": [free[name] for name in names]}
+    order = on_true_axes(names, error.permutation)
+    row["user"] = estimate.information.covariance()[order].tolist()
     for kind in KINDS:
         told = estimate.information.of_hessian()
         if kind != "exact":
             told = observed_information(estimate, kind)
-        row[kind] = told.covariance().tolist()
+        row[kind] = told.covariance()[order].tolist()
     return row
+
+
+def on_true_axes(names, permutation):
+    """Return the index of a covariance (N, N) that puts sizes on the true axes.
+
+    permutation (3,): of CuboidError; what is no size stays in its place.
+    """
+    sides = dict(zip(FREE[:3], np.array(FREE[:3])[permutation], strict=True))
+    order = [names.index(sides.get(name, name)) for name in names]
+    return np.ix_(order, order)
 
 
 def main() -> None:
