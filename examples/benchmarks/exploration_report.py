@@ -5,15 +5,16 @@
 The script reads the trials of exploration_study.py.  It writes table.txt, bch.png (bCH
 and exact surface distance after every action, mean with its 95 % band) and strip.png
 (the estimates in order, centred on the truth).  Outliers are marked and never dropped
-silently: every mean is given with and without them.
+silently: every mean is given with and without them.  Policies are compared in pairs, on
+the trials that both have; an estimate that failed is infinitely far (paired_tests.py).
 """
 
-import sys
+from argparse import ArgumentParser
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-from paired_tests import mean_and_band, paired_in_words
+from paired_tests import PRIMARY, mean_and_band, paired_in_words
 from scipy.spatial import ConvexHull
 from study import grouped, results_of, table
 
@@ -38,13 +39,22 @@ REST = {  # what else is told of every action, by its median
 }  # fmt: skip
 
 
-def table_of(rows, name: str, policy: str, start: str) -> np.ndarray:
-    """Return (trials, actions) of a column; what failed counts as infinite."""
-    mine = [r for r in rows if r["policy"] == policy and r["start"] == start]
-    trials, last = sorted({r["trial"] for r in mine}), max(r["action"] for r in rows)
-    out = np.full((len(trials), last + 1), np.inf)
-    for r in mine:
-        out[trials.index(r["trial"]), r["action"]] = r.get(name, np.inf)
+def trials_of(rows, policy: str, start: str) -> list[int]:
+    """Return the numbers of the trials of a policy in order."""
+    mine = [r for r in rows if (r["policy"], r["start"]) == (policy, start)]
+    return sorted({r["trial"] for r in mine})
+
+
+def table_of(rows, name: str, policy: str, start: str, trials=None) -> np.ndarray:
+    """Return (trials, actions) of a column; what failed counts as infinite.
+
+    trials: numbers in the order of the table's rows, by default all of the policy.
+    """
+    trials = trials_of(rows, policy, start) if trials is None else trials
+    out = np.full((len(trials), max(r["action"] for r in rows) + 1), np.inf)
+    for r in rows:
+        if (r["policy"], r["start"]) == (policy, start) and r["trial"] in trials:
+            out[trials.index(r["trial"]), r["action"]] = r.get(name, np.inf)
     return out
 
 
@@ -89,20 +99,21 @@ def rest_lines(rows) -> list[str]:
 
 
 def comparison_lines(rows, name: str) -> list[str]:
-    """Return tests of every policy against random, corrected for all actions."""
-    lines = [f"against random, {UNITS[name]}: two-tailed tests (Bonferroni)"]
+    """Return tests of every policy against random, corrected for all actions.
+
+    Pairs are the trials that both policies have.
+    """
+    lines = [f"against random, {UNITS[name]}: two-tailed tests, p times all actions"]
     for policy, start in ways(rows):
-        if policy == "random" or ("random", start) not in ways(rows):
+        both = {*trials_of(rows, policy, start)} & {*trials_of(rows, "random", start)}
+        if policy == "random" or not both:
             continue
-        a, b = (table_of(rows, name, p, start) for p in (policy, "random"))
-        n, many = min(len(a), len(b)), a.shape[1] - 1
-        for action in range(1, a.shape[1]):
-            x, y = a[:n, action], b[:n, action]
-            both = np.isfinite(x) & np.isfinite(y)
-            x, y = x[both], y[both]
-            if len(x) < 3:
-                continue
-            words = paired_in_words(x, y, many)
+        pair = [
+            table_of(rows, name, p, start, sorted(both)) for p in (policy, "random")
+        ]
+        actions = pair[0].shape[1] - 1
+        for action in range(1, actions + 1):
+            words = paired_in_words(*[a[:, action] for a in pair], actions)
             lines.append(f"  {policy}, {start}, 1 + {action}: {words}")
     return lines
 
@@ -112,7 +123,8 @@ def paper_lines(rows) -> list[str]:
     lines, theirs = [], PAPER[objects_of(rows)]
     for policy, start in ways(rows):
         bch = table_of(rows, "bch_mm", policy, start)
-        floor = table_of(rows, "bch_floor_mm", policy, start)[:, -1].mean()
+        floor = table_of(rows, "bch_floor_mm", policy, start)[:, -1]
+        floor = floor[np.isfinite(floor)].mean()
         bands = [mean_and_band(values) for values in bch.T]
         below = [k for k, (m, h) in enumerate(bands) if m + h < LOW]
         first = f"1 + {below[0]}" if below else "never"
@@ -249,7 +261,7 @@ def solid(axis, vertices, colours=None) -> None:
 
 def report(rows: list[dict], folder: Path) -> None:
     """Write and print the table, and draw the pictures."""
-    parts = [
+    parts = [[PRIMARY]] + [
         lines
         for name in UNITS
         for lines in (summary_lines(rows, name), comparison_lines(rows, name))
@@ -263,7 +275,9 @@ def report(rows: list[dict], folder: Path) -> None:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help=f"of the study, with {FILE}")
+    folder = parser.parse_args().folder
     found = results_of(folder / FILE, "exploration")
     rows = sorted((row for trial in found for row in trial), key=lambda r: r["trial"])
     report(rows, folder)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import study
 from matplotlib import pyplot as plt
-from paired_tests import mean_and_band, paired_in_words
+from paired_tests import PRIMARY, mean_and_band, paired_in_words
 
 plt.switch_backend("Agg")  # without a screen
 OFFSETS = ("joints", "constant", "ignored")  # how the fingers' errors are estimated
@@ -75,9 +75,9 @@ def table(rows: list[dict], policies: list[str], steps: range) -> str:
 
 def comparisons(rows: list[dict], policies: list[str], steps: range) -> list[str]:
     """Return tests of the first policy against the second, the same body in both."""
-    lines, many = [], len(steps) - 1
+    lines, many = [PRIMARY], len(steps) - 1
     if len(policies) < 2:
-        return lines
+        return []
     for (key, title), offset in product(COMPARED.items(), offsets_of(rows)):
         lines.append(f"{' against '.join(policies[:2])}, {offset}, {title}:")
         for step in steps[1:]:
