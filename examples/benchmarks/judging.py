@@ -41,6 +41,22 @@ def spread_samples(data, count: int) -> np.ndarray:
     return np.unique(np.linspace(0, data.samples - 1, count).round().astype(int))
 
 
+def quantile(values, q=0.5) -> float:
+    """Return a quantile of what is not NaN; infinite where a failure weighs in.
+
+    A failure is infinite among the values.
+    """
+    values = np.asarray(values, float)
+    values = values[~np.isnan(values)]
+    if not len(values):
+        return np.nan
+    with np.errstate(invalid="ignore"):
+        found = np.quantile(values, q)
+    # The interpolation beside an infinite value is NaN, at a finite one too.
+    rank = np.quantile(values, q, method="higher")
+    return float(rank if np.isnan(found) else found)
+
+
 def placed(mesh: Trimesh, position, quaternion) -> Trimesh:
     """Move a mesh from the body's frame to a pose in the world; return it."""
     pose = translation_matrix(position) @ quaternion_matrix(quaternion)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import study
+from judging import quantile
 
 FULL = 6  # actions of the recordings that the targets are about
 REACHED = 0.5  # [nats] an objective this close to the truth-started one is the same
@@ -36,14 +37,6 @@ def column(rows, name) -> np.ndarray:
     """Return a column, infinite where a run failed; its seconds count as they are."""
     bad = np.nan if name in MEASURED else np.inf
     return np.array([r.get(name, np.nan if r["success"] else bad) for r in rows], float)
-
-
-def quantile(values, q=0.5) -> float:
-    """Return a quantile of what is not NaN; infinite where a failure weighs in."""
-    values = values[~np.isnan(values)]
-    with np.errstate(invalid="ignore"):
-        found = np.quantile(values, q) if len(values) else np.nan
-    return np.inf if np.isnan(found) and len(values) else float(found)
 
 
 def surprise(rows, names=(*SIDES, *PLACES, *TURNS)) -> np.ndarray:
