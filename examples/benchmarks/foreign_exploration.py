@@ -5,11 +5,13 @@
         [--policies eig random] [--executor processes|dask|mpi|none] [--workers 2]
 
 The worlds are those of foreign_world.py with departures of foreign_departures.py: by
-default plain MuJoCo's contact and gel fingertips.  The first finger aims at a place
+default plain MuJoCo's contact and gel fingertips.  Departures of how fingers push are
+not among them, since `explore` chooses the pushes.  The first finger aims at a place
 within AIM of the box; `explore` has default options and the true mass and frictions.
 Judged after each action are the exact surface distance, and the three sizes, the
 position and the rotation in standard deviations, with the verdict of the fit.  `nees`
-is the mean square of these nine numbers: 1 where sigma is right.
+is the mean square of these nine numbers: 1 where sigma is right.  After a refusal all
+further actions are refused: outside 3 sigma, infinitely far, and not in `nees`.
 
 Rows are kept in foreign_exploration.jsonl as they end (study.py): called again, the
 script runs what is missing.  Policies are compared with random actions of the same box
@@ -25,7 +27,7 @@ from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
 from foreign_report import ratios
 from foreign_world import FINGERS, REST, SCENE, STEP, ForeignWorld, Simulation
-from judging import placed, refusal
+from judging import placed, quantile, refusal
 from study import grouped, table, tabled_study, telling, write_csv
 from trimesh.creation import box as box_mesh
 
@@ -34,6 +36,7 @@ from tactilenlp.errors import TactileError
 from tactilenlp.geometry.interpolation import path_of
 
 BEYOND = 5.0  # [sigma] further off is confidently wrong, if the fit is good
+OF_PUSHES = {"heights", "above", "touching", "carried", "speed"}  # of a ForeignWorld
 SUMMARY = ("n", "surface_mm", "p90_mm", "worst_mm", "within_3", "beyond_good", "nees")
 
 
@@ -42,7 +45,7 @@ class TouchedSimulation:
 
     def __init__(self, box: Box, world: ForeignWorld):
         self.simulation, self.box, self.world = Simulation(box, world), box, world
-        self.finger_radius = np.full(2, 0.01)
+        self.finger_radius = np.full(FINGERS, world.radius)
         self.samples, self.pose = 0, self.simulation.pose
 
     def execute(self, trajectory) -> Measurements:
@@ -79,10 +82,9 @@ class TouchedSimulation:
 def explored(departure, strength, number, actions, policy) -> list[dict]:
     """Return a row for the first touch and each action of one exploration."""
     warm()
-    box = Box(number)
-    world = TouchedSimulation(
-        box, ForeignWorld(**DEPARTURES[departure][strength].world)
-    )
+    foreign = ForeignWorld(**DEPARTURES[departure][strength].world)
+    box = Box(number, foreign.scale, foreign.radius)
+    world = TouchedSimulation(box, foreign)
     told = dict(zip(SCENE, (box.mass, box.ground, box.finger), strict=True))
     about = {"departure": departure, "strength": strength, "box": number}
     about |= {"policy": policy, "refused": ""}
@@ -102,7 +104,8 @@ def explored(departure, strength, number, actions, policy) -> list[dict]:
             rows.append(row | {"cpu_s": process_time() - began})
             began = process_time()
     except TactileError as error:
-        rows.append(about | {"action": len(rows), "refused": refusal(error)})
+        refused = about | {"refused": refusal(error)}
+        rows += [refused | {"action": k} for k in range(len(rows), actions + 1)]
     return rows
 
 
@@ -118,13 +121,13 @@ def summary(rows) -> list[dict]:
 def summed(rows) -> dict:
     """Return what some estimates have in common; refused ones are outside 3 sigma."""
     good = [row for row in rows if not row["refused"]]
-    off = np.array([row["surface_mm"] for row in good] or [np.nan])
+    off = [row.get("surface_mm", np.inf) for row in rows]
     each = np.array([ratios(row) for row in rows])
     wrong = [(ratios(r) > BEYOND).any() and r["verdict"] == "good" for r in good]
     values = (
-        len(rows), np.median(off), np.quantile(off, 0.9), off.max(),
+        len(rows), *(quantile(off, q) for q in (0.5, 0.9, 1.0)),
         float((each <= 3).mean()), int(sum(wrong)),
-        float(np.mean(each[np.isfinite(each)] ** 2)),
+        float(np.mean(each[np.isfinite(each)] ** 2)) if good else np.nan,
     )  # fmt: skip
     return dict(zip(SUMMARY, values, strict=True))
 
@@ -168,11 +171,15 @@ def main() -> None:
 
 
 def _of_world(kinds) -> bool:
-    """Tell whether departures are of the world alone: sensors are told the truth."""
+    """Tell whether departures are of the world alone, and not of how fingers push.
+
+    Sensors are told the truth.
+    """
     return all(
         isinstance(kind, Departure) and kind.sensors is None and not kind.told
+        and not OF_PUSHES & kind.world.keys()
         for kind in kinds.values()
-    )
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
