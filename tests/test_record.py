@@ -6,12 +6,12 @@ import sys
 import pytest
 from conftest import BENCHMARKS, benchmark
 
-HEAD = "start,actions,page,mm,converged,iterations,cpu_s\n"
+HEAD = "start,actions,page,mm,converged,best,iterations,cpu_s\n"
 BEFORE = HEAD + (
-    "near,2,shooting,0.50,True,20,1.0\n"
-    "near,2,shooting,0.70,True,22,1.2\n"
-    "near,2,shooting,0.60,False,21,1.1\n"
-    "far,2,paper,,False,200,9.0\n"
+    "near,2,shooting,0.50,True,True,20,1.0\n"
+    "near,2,shooting,0.70,True,False,22,1.2\n"
+    "near,2,shooting,0.60,False,False,21,1.1\n"
+    "far,2,paper,,False,False,200,9.0\n"
 )
 
 
@@ -51,10 +51,12 @@ def test_fewer_failures_are_better_and_more_are_worse(differ):
     share = "share converged", "shooting"
     assert differ(("0.60,False", "0.60,True"))[share] == "better"
     assert differ(("0.70,True", "0.70,False"))[share] == "worse"
+    lost = differ(("0.50,True,True", "0.50,True,False"))
+    assert lost["share best", "shooting"] == "worse"
 
 
 def test_what_is_no_longer_run_is_missing(differ):
-    found = differ(("far,2,paper,,False,200,9.0\n", ""))
+    found = differ(("far,2,paper,,False,False,200,9.0\n", ""))
     assert found["median cpu_s", "paper"] == "missing"
     # An error that was never known is not missed.
     assert found["median mm", "paper"] == "same"
@@ -67,7 +69,7 @@ def test_a_record_says_when_and_with_what_it_was_made(record, tmp_path):
     assert day.startswith("# 20")
     assert "casadi" in made
     assert header.split(",") == list(record.FIELDS)
-    assert len(lines) == 2 * 4
+    assert len(lines) == 2 * 5
 
 
 def test_a_regression_ends_with_an_exit_code(tmp_path):

@@ -17,8 +17,9 @@ soft, "shooting, sharp" is single shooting without its soft level.  Starts:
           first pose, any yaw
 A solve has two measures.  mm: exact mean distance of the surfaces at the last sample;
 untouched sizes come from the prior, the same for all formulations.  best: it converged
-to within 2 nats of the lowest objective that this formulation found in this cell (file,
-actions).  Objectives of different formulations are never compared.  CPU seconds exclude
+to within 2 nats of the lowest objective that this problem found in this cell (file,
+actions); a page with other levels states the same problem.  Objectives of different
+problems are never compared.  CPU seconds exclude
 the derivation of term functions.  Failed solves are counted, not omitted.
 
 The truth is read here, for starts and errors, never by the package.
@@ -33,7 +34,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import planar_path, stated
-from study import grouped, study_parser, table, tabled_study, telling
+from study import study_parser, table, tabled_study, telling
 from trimesh.creation import box
 from trimesh.transformations import rotation_matrix, translation_matrix
 
@@ -148,8 +149,15 @@ def gained(problem, window, scene, s) -> float:
 
 
 def judged(rows) -> list[dict]:
-    """Say in each row whether it is the best that its formulation found there."""
-    for rivals in grouped(rows, "scene", "actions", "page").values():
+    """Say in each row whether it is the best that was found there of its problem.
+
+    Pages that differ in their levels alone have one `build`.
+    """
+    cells = {}
+    for r in rows:
+        cell = r["scene"], r["actions"], page_of(r["page"]).build
+        cells.setdefault(cell, []).append(r)
+    for rivals in cells.values():
         lowest = min((r["nats"] for r in rivals if r["converged"]), default=-np.inf)
         for r in rivals:
             r["best"] = bool(r["converged"] and r["nats"] < lowest + SAME)

@@ -56,6 +56,7 @@ RECIPES = {  # name -> columns that make a group of rows, and its quantities
         (
             Quantity("mm", "median", "up", 0.25, 0.05),
             Quantity("converged", "share", "down", 0.0, 0.1),
+            Quantity("best", "share", "down", 0.0, 0.1),
             Quantity("iterations", "median", "up", 0.25, 2),
             Quantity("cpu_s", "median", "up", 0.5, 0.1),
         ),
