@@ -1,11 +1,15 @@
 """The benchmark of sigma: it must find a sigma that is too small, or a bias."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import RECORDED, benchmark
 from scipy.spatial.transform import Rotation
+
+from tactilenlp import Measurements, Scene
+from tactilenlp.errors import TactileError
 
 NAMES = ["side x", "position x", "rotation z"]
 C = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.2], [0.0, 0.2, 9.0]]) * 1e-6
@@ -79,6 +83,24 @@ def test_covariances_of_sizes_are_moved_to_the_true_axes(report):
     names = ["side x", "side y", "side z", "position x"]
     order = monte_carlo.on_true_axes(names, np.array([1, 0, 2]))
     assert np.diag(np.diag([1.0, 2, 3, 4])[order]).tolist() == [2, 1, 3, 4]
+
+
+def test_a_re_measurement_that_is_refused_is_a_failure(report, monkeypatch):
+    import monte_carlo
+
+    def refuses(*_, **given):
+        raise TactileError("too late", where="contact", next="-")
+
+    data, truth = Measurements.load(RECORDED), monte_carlo.Truth(RECORDED)
+    begun = SimpleNamespace(measurements=data)
+    monkeypatch.setattr(truth, "start", lambda estimate: None)
+    known = data, Scene(), truth, None, begun
+    monkeypatch.setattr(monte_carlo, "known", lambda *_: known)
+    monkeypatch.setattr(monte_carlo, "replace", lambda one, **_: one)
+    monkeypatch.setattr("judging.solve_estimate", refuses)
+    row = monte_carlo.measure(str(RECORDED), 6, 0, monte_carlo.NOISE)
+    assert not row["success"]
+    assert "too late" in row["refused"]
 
 
 @pytest.mark.slow

@@ -12,10 +12,10 @@ function of plain arguments, so any concurrent.futures executor can distribute i
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 from estimate_cuboid import Truth, apart
+from judging import solved
 from report_monte_carlo import FILE, report
 from study import executor_of, run_study, study_parser
 
@@ -48,13 +48,11 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
     data, scene, truth, options, begun = known(file, actions)
     noisy = add_noise(data, Noise(seed=number, **noise))
     begun = replace(begun, measurements=noisy, success=False)  # it is of one action
-    began = process_time()
-    estimate = solve(
-        noisy, scene, start=truth.start(begun), options=options, throw=False
-    )
+    how = {"start": truth.start(begun), "options": options, "throw": False}
+    estimate, told = solved(noisy, scene, **how)
     last, row = noisy.samples - 1, {"scene": Path(file).stem, "number": number}
-    row |= {"success": bool(estimate.success), "cpu_s": process_time() - began}
-    if not estimate.success:
+    row |= told | {"success": bool(estimate and estimate.success)}
+    if not row["success"]:
         return row
     error, names = apart(estimate, truth, last), estimate.information.names
     free = np.r_[error.side_lengths, error.position, error.rotation_vector]
