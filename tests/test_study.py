@@ -229,6 +229,18 @@ def test_a_wrong_commit_is_told_with_what_git_says(study, monkeypatch, capfd):
     assert capfd.readouterr().err.strip()
 
 
+TIMED = (  # benchmarks whose result are seconds
+    *("time_against_error", "scale", "cube_tosses", "estimate_cuboid"),
+    *("estimate_polytope", "compare_formulations", "build_time", "reductions"),
+)
+
+
+@pytest.mark.parametrize("name", TIMED)
+def test_where_seconds_are_the_result_one_process_is_the_default(name):
+    text = (BENCHMARKS / f"{name}.py").read_text(encoding="utf-8")
+    assert re.search(r'study_parser\(.*executor="none"\)', text)
+
+
 def test_every_study_takes_an_executor():
     texts = {p.stem: p.read_text(encoding="utf-8") for p in BENCHMARKS.glob("*.py")}
     scripts = {name for name, text in texts.items() if '"__main__"' in text}

@@ -101,7 +101,7 @@ def draw(rows, friction, file) -> None:
 
 
 def main() -> None:
-    parser = study_parser(__doc__, folder=False)
+    parser = study_parser(__doc__, folder=False, executor="none")
     parser.add_argument("file", type=Path)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("benchmark"))
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)

@@ -217,7 +217,7 @@ def cases_of(arguments) -> list[tuple]:
 
 
 def main() -> None:
-    parser = study_parser(__doc__, folder=False)
+    parser = study_parser(__doc__, folder=False, executor="none")
     add, every, paths = parser.add_argument, [*FORMULATIONS], ["reduced", "unreduced"]
     add("files", nargs="+")
     add("--actions", type=int, nargs="+", help="default: 1 .. all")

@@ -158,7 +158,7 @@ def draw(cells, path: Path) -> None:
 
 
 def main() -> None:
-    parser = study_parser(__doc__)
+    parser = study_parser(__doc__, executor="none")
     parser.add_argument("--count", type=int, default=20, help="boxes")
     parser.add_argument("--first", type=int, default=500, help="number of a first box")
     parser.add_argument("--actions", type=int, nargs="+", default=[1, 2, 3, 4, 5, 6])
