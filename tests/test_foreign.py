@@ -65,9 +65,10 @@ def test_planes_of_hulls_are_summed_up_by_sigma_and_verdict(foreign):
     ]  # fmt: skip
     row = summed("contact", "gel", rows)
     assert (row["n"], row["refused"], row["planes"]) == (3, 1, 4)
-    assert row["within_3_sigma"] == 0.5
+    assert row["within_3_sigma"] == pytest.approx(2 / 5)  # a refusal is one plane
     assert row["beyond_5_sigma_good"] == 1
-    assert row["plane_mm"] == pytest.approx(0.35)
+    assert row["plane_mm"] == pytest.approx(0.6)
+    assert row["surface_mm"] == 1.0
 
 
 def test_contact_is_reported_late_where_the_sensors_are_late(foreign):

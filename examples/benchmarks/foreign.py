@@ -11,7 +11,8 @@ apply.  The estimate is that of the default options with the true mass and frict
 
 Judged are the three sizes, the final position and rotation: errors, their standard
 deviations, which sizes are touched on both faces, the verdict of the fit, refusals and
-CPU seconds.  A refusal counts as outside three sigma.  The script writes foreign.csv
+CPU seconds.  A refusal counts as outside three sigma, and as one touched size that is
+infinitely far off.  The script writes foreign.csv
 (one row an estimate), foreign_summary.csv (one row a departure and strength) and
 foreign.png.  Called again with the same folder, it runs what is missing.
 """

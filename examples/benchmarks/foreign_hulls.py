@@ -8,7 +8,8 @@ As foreign.py, for hulls in place of boxes: the five Platonic solids in turn, th
 an irregular hull.  A hull has no sizes and no pose of its own.  Judged are the
 supporting planes at the last sample that TOUCHES or more touches support: by how much
 the true body is off each, and its standard deviation.  `surface_mm`: mean exact
-distance between the surfaces.  The script writes foreign_hulls.csv (one row an
+distance between the surfaces.  A refusal counts as one plane that is infinitely far off
+and outside three sigma.  The script writes foreign_hulls.csv (one row an
 estimate) and foreign_hulls_summary.csv (one row a departure and strength).
 """
 
@@ -16,8 +17,8 @@ import numpy as np
 from foreign import arguments, cells, measured, warm
 from foreign_bodies import Hull
 from foreign_departures import DEPARTURES
-from foreign_report import BEYOND, COLOURS, WITHIN, median, summary
-from judging import planes_off, solved
+from foreign_report import BEYOND, COLOURS, WITHIN, summary
+from judging import planes_off, quantile, solved
 from regress import true_mesh
 from study import table, tabled_study, telling, write_csv
 
@@ -52,19 +53,20 @@ def judged(departure: str, strength: str, number: int, actions: int) -> dict:
 def summed(departure: str, strength: str, rows: list[dict]) -> dict:
     """Return the row of the summary that some estimates make."""
     kept = [row for row in rows if not row["refused"]]
+    failed = [np.inf] * (len(rows) - len(kept))
     off = [e for row in kept for e in row["off_mm"]]
     ratio = [np.divide(row["off_mm"], row["sigma_mm"]) for row in kept]
     good = [r for r, row in zip(ratio, kept, strict=True) if row["verdict"] == "good"]
-    every = np.concatenate([*ratio, []])
+    every = np.concatenate([*ratio, failed])
     return {
         "departure": departure, "strength": strength, "n": len(rows),
-        "refused": len(rows) - len(kept), "planes": len(off),
+        "refused": len(failed), "planes": len(off),
         "within_3_sigma": float((every <= WITHIN).mean()) if len(every) else np.nan,
         "beyond_5_sigma_good": sum(int((r > BEYOND).sum()) for r in good),
-        "plane_mm": median(off), "plane_sigmas": median(every),
-        "surface_mm": median([row["surface_mm"] for row in kept]),
+        "plane_mm": quantile(off + failed), "plane_sigmas": quantile(every),
+        "surface_mm": quantile([row["surface_mm"] for row in kept] + failed),
         **{v: sum(row["verdict"] == v for row in kept) for v in COLOURS},
-        "cpu_s": median([row["cpu_s"] for row in rows]),
+        "cpu_s": quantile([row["cpu_s"] for row in rows]),
     }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+from judging import quantile
 from study import grouped
 
 CELL = ("departure", "strength")
@@ -27,23 +28,28 @@ def touched(row: dict) -> list[str]:
 
 
 def summed(departure: str, strength: str, rows: list[dict]) -> dict:
-    """Return the row of the summary that some estimates make."""
+    """Return the row of the summary that some estimates make.
+
+    A refusal is outside 3 sigma, and counts as one touched size, infinitely far off.
+    """
     kept = [row for row in rows if not row["refused"]]
+    failed = [np.inf] * (len(rows) - len(kept))
     every = np.concatenate([ratios(row) for row in rows])
     sizes = [(row, touched(row)) for row in kept]
     errors = [abs(row[f"{name}_error"]) for row, names in sizes for name in names]
-    of_touched = np.concatenate([ratios(r, n) for r, n in sizes] or [[]])
+    of_touched = np.concatenate([*[ratios(r, n) for r, n in sizes], failed])
     wrong = [(ratios(row) > BEYOND).sum() for row in kept if row["verdict"] == "good"]
     inside = [row for row in kept if (ratios(row) <= WITHIN).all()]
     return {
         "departure": departure, "strength": strength, "n": len(rows),
-        "refused": len(rows) - len(kept),
+        "refused": len(failed),
         "within_3_sigma": float((every <= WITHIN).mean()),
         "beyond_5_sigma_good": int(sum(wrong)),
-        "touched_mm": median(errors), "touched_sigmas": median(of_touched),
+        "touched_mm": quantile(errors + failed),
+        "touched_sigmas": quantile(of_touched),
         **{v: sum(row["verdict"] == v for row in kept) for v in COLOURS},
         "inside_not_good": sum(row["verdict"] != "good" for row in inside),
-        "cpu_s": median([row["cpu_s"] for row in rows]),
+        "cpu_s": quantile([row["cpu_s"] for row in rows]),
     }  # fmt: skip
 
 
@@ -51,11 +57,6 @@ def summary(rows, summed=summed) -> list[dict]:
     """Return one row for every departure and strength, and one for all."""
     cells = grouped(rows, *CELL) | {("all", ""): rows}
     return [summed(*cell, mine) for cell, mine in cells.items()]
-
-
-def median(numbers) -> float:
-    """Return the median; NaN of none."""
-    return float(np.median(numbers)) if len(numbers) else np.nan
 
 
 def picture(rows, path) -> None:
@@ -70,7 +71,7 @@ def picture(rows, path) -> None:
             dots(accuracy, k, errors, 1e-3, row["verdict"])
             dots(calibration, k, ratios(row), 1e-2, row["verdict"])
         errors = [abs(r[f"{n}_error"]) for r in kept for n in touched(r)]
-        middle = [median(errors), median([x for r in kept for x in ratios(r)])]
+        middle = [quantile(errors), quantile([x for r in kept for x in ratios(r)])]
         for ax, y in zip((accuracy, calibration), middle, strict=True):
             ax.plot([k - 0.35, k + 0.35], [y, y], color="black", linewidth=1.5)
         if len(kept) < len(mine):

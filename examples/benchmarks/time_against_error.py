@@ -14,10 +14,11 @@ contact, `noisy` 1 mm on positions, 5 degrees on normals and 1 % flipped boolean
     path      the same at PLACES samples of the whole recording, the mean [mm]
     cpu       seconds of one core, with kinds of terms compiled before
 
-Failed and refused estimates are counted, and left out of the quantiles.  Rows are kept
-in time_against_error.jsonl as they end (study.py): called again, the script runs what
-is missing, and writes time_against_error.csv (a row an estimate), summary.csv (a row a
-cell) and time_against_error.png.
+Failed and refused estimates are counted, and infinitely far in the quantiles; their
+seconds count as they are.  Rows are kept in time_against_error.jsonl as they end
+(study.py): called again, the script runs what is missing, and writes
+time_against_error.csv (a row an estimate), summary.csv (a row a cell) and
+time_against_error.png.
 """
 
 from functools import cache
@@ -28,7 +29,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from foreign_bodies import Box
 from foreign_world import DEFAULT, ForeignWorld, recorded, told_of
-from judging import placed, solved, spread_samples
+from judging import placed, quantile, solved, spread_samples
 from monte_carlo import NOISE
 from study import grouped, study_parser, table, tabled_study, telling, write_csv
 from trimesh.creation import box
@@ -104,7 +105,7 @@ def surfaces_apart(estimate, true, sample: int) -> float:
 
 
 def summary(rows) -> list[dict]:
-    """Return a row a cell: quantiles of what was estimated, and how many were not."""
+    """Return a row a cell: quantiles of all estimates, and how many failed."""
     cells, names = [], ("world", "formulation", "actions")
     for key, mine in grouped(rows, *names).items():
         solved = [r for r in mine if r["success"]]
@@ -112,10 +113,14 @@ def summary(rows) -> list[dict]:
         cell |= {"n": len(mine), "refused": sum(bool(r["refused"]) for r in mine)}
         cell |= {"failed": len(mine) - len(solved) - cell["refused"]}
         for name, q in product(MEASURED, QUANTILES):
-            values = [r[name] for r in solved] or [np.nan]
-            cell[f"{name}_{round(100 * q)}"] = float(np.quantile(values, q))
+            cell[f"{name}_{round(100 * q)}"] = quantile(column(mine, name), q)
         cells.append(cell)
     return cells
+
+
+def column(rows, name: str) -> list[float]:
+    """Return a column: errors of what failed are infinite, seconds as they are."""
+    return [r[name] if r["success"] or name == "cpu_s" else np.inf for r in rows]
 
 
 def draw(cells, path: Path) -> None:
