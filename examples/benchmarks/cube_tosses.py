@@ -10,11 +10,14 @@ report.
 
 from itertools import product
 from pathlib import Path
+from time import process_time
 
 import numpy as np
+from judging import quantile, refusal
 from study import grouped, study_parser, table, tabled_study, telling
 
 from tactilenlp import Scene, Trajectories, identify_body
+from tactilenlp.errors import TactileError
 
 SIGNS = np.indices((2, 2, 2)).reshape(3, 8).T * 2 - 1  # of a cube's vertices
 SIZES, GROUPS = (1, 4, 16, 64), 8  # tosses of a group; groups of a size, at most
@@ -28,18 +31,30 @@ def known_of(file) -> dict[str, float]:
 
 
 def run(recording, deal, size, group, shape) -> dict:
-    """Return one row: errors [mm], sigma [mm], ratios, friction, inertia, seconds."""
+    """Return one row: errors [mm], sigma [mm], ratios, friction, inertia, seconds.
+
+    A group that is refused, or not solved, is a row without errors.
+    """
     data, file = Trajectories.load(recording), known_of(recording)
     shuffled = np.random.default_rng(deal).permutation(data.tosses)
     chosen = np.sort(shuffled[group * size : (group + 1) * size])
-    body = identify_body(data.select(chosen), Scene(mass=file["mass"]), shape=shape)
+    row = {"shape": shape, "tosses": size, "deal": deal, "group": group}
+    row, began = row | {"refused": ""}, process_time()
+    try:
+        body = identify_body(data.select(chosen), Scene(mass=file["mass"]), shape=shape)
+    except TactileError as error:
+        return row | {"refused": refusal(error), "cpu_s": process_time() - began}
+    return row | measured(body, file)
+
+
+def measured(body, file) -> dict:
+    """Return what a row has of a body, beside the numbers that the file has."""
     true = file["half_width"] * SIGNS
     error = np.stack([v - true[np.argmin(((true - v) ** 2).sum(1))]
                       for v in body.vertices])  # fmt: skip
     off = np.linalg.norm(error, axis=1) * MM
     ratio = (error / body.sigma["vertices"])[np.setdiff1d(range(8), body.unobserved)]
     return {
-        "shape": shape, "tosses": size, "deal": deal, "group": group,
         "vertex_mean_mm": off.mean(), "vertex_worst_mm": off.max(),
         "sigma_mm": np.median(body.sigma["vertices"]) * MM,
         "rms_error_over_sigma": np.sqrt(np.mean(ratio**2)),
@@ -52,14 +67,16 @@ def run(recording, deal, size, group, shape) -> dict:
 
 
 def summary(rows) -> list[dict]:
-    """Return medians and worst of every size, by shape."""
+    """Return medians and worst of every size, by shape; failures are infinite."""
     out = []
     for (shape, size), mine in grouped(rows, "shape", "tosses").items():
-        names = "vertex_mean_mm", "sigma_mm", "friction", "friction_sigma"
-        medians = {n: float(np.median([r[n] for r in mine])) for n in names}
-        worst = {f"worst {n}": max(r[n] for r in mine) for n in (names[0], "cpu_s")}
         about = {"shape": shape, "tosses": size, "groups": len(mine)}
-        out.append(about | medians | worst)
+        about["refused"] = sum(bool(r["refused"]) for r in mine)
+        off = [r.get("vertex_mean_mm", np.inf) for r in mine]
+        known = "sigma_mm", "friction", "friction_sigma"
+        medians = {n: quantile([r.get(n, np.nan) for r in mine]) for n in known}
+        worst = {"worst_mm": max(off), "worst cpu_s": max(r["cpu_s"] for r in mine)}
+        out.append(about | {"vertex_mean_mm": quantile(off)} | medians | worst)
     return out
 
 
@@ -71,7 +88,7 @@ def draw(rows, friction, file) -> None:
         ("cuboid", "#0072B2", 0.96),
         ("corners", "#D55E00", 1.04),
     ):
-        mine = [r for r in rows if r["shape"] == shape]
+        mine = [r for r in rows if r["shape"] == shape and not r["refused"]]
         x = np.array([r["tosses"] for r in mine]) * shift
         for axis, name in zip(
             axes, ("vertex_mean_mm", "friction", "cpu_s"), strict=True
@@ -117,7 +134,9 @@ def main() -> None:
         for shape in ("cuboid", "corners")
     ]
     path = given.folder / "cube_tosses"
-    say = telling("vertex_mean_mm", "sigma_mm", "friction", "unobserved", "cpu_s")
+    say = telling(
+        "refused", "vertex_mean_mm", "sigma_mm", "friction", "unobserved", "cpu_s"
+    )
     rows = tabled_study(given, path, run, cases, say=say)
     print(table(summary(rows)))
     draw(rows, known["friction_reported"], path.with_suffix(".png"))

@@ -9,7 +9,7 @@ stands how many parameters lie in the interval that would contain 95 % of them i
 sigma were exact.
 """
 
-import sys
+from argparse import ArgumentParser
 from pathlib import Path
 
 import numpy as np
@@ -135,4 +135,6 @@ def draw(lines, file) -> None:
 
 
 if __name__ == "__main__":
-    report(Path(sys.argv[1]))
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help=f"of the study, with {FILE}")
+    report(parser.parse_args().folder)
