@@ -15,6 +15,7 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
+from exploration_objects import SIZES, WITHIN
 from study import executor_of, run_study, study_parser, table
 
 from tactilenlp import ExpectedInformation, Exploration, Scene, World, explore
@@ -22,7 +23,6 @@ from tactilenlp.exploration.action_search import best_action, facing
 from tactilenlp.exploration.optimisers import SEARCHES
 
 SEED, ACTIONS = 77, 4  # of the worlds; after each, a state
-SIZES, WITHIN = (0.03, 0.06), 0.02  # [m] of the cuboids, of their centres
 
 
 def states(folder: Path, worlds: int, seed: int) -> list[tuple[str, int]]:

@@ -20,7 +20,7 @@ from timeit import repeat
 
 import numpy as np
 from chamfer import chamfer_code, chamfer_floor, chamfer_paper
-from judging import placed
+from judging import placed, touched_sizes
 from report_cuboid import report
 from study import study_parser, tabled_study, telling
 from trimesh.creation import box
@@ -29,7 +29,6 @@ from trimesh.sample import sample_surface
 from tactilenlp import Measurements, Options, Scene, solve_estimate
 from tactilenlp.data.sensor_noise import precise
 from tactilenlp.evaluation import metrics
-from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.nlp.term_functions import default_cache
 from tactilenlp.problem.hypothesis import Hypothesis
@@ -130,9 +129,7 @@ def compare(estimate, truth) -> dict:
         for axis, e, s in zip("xyz", errors, sigmas, strict=True):
             row |= {f"{part}_{axis}_error": e * unit, f"{part}_{axis}_sigma": s * unit}
             row[f"{part}_{axis}_ratio"] = abs(e) / s
-    faces = touched_faces(data, truth.quaternion[: last + 1])
-    faces[2, 0] += KNOWN_FACE  # the ground touches -z
-    row |= {f"touched_{'xyz'[i]}": bool(faces[i].min() >= KNOWN_FACE) for i in range(3)}
+    row |= touched_sizes(data, truth.quaternion)
     return row | {"unobserved": "; ".join(estimate.information.unobserved)}
 
 

@@ -25,6 +25,7 @@ from time import process_time
 import numpy as np
 import trimesh
 from chamfer import chamfer_code, chamfer_floor
+from judging import placed
 from robot_report import OFFSETS, draw, table
 from scipy.spatial.transform import Rotation
 from study import executor_of, run_study, study_parser, write_csv
@@ -160,10 +161,8 @@ def said(case, rows) -> str:
 
 def errors(estimate, pose: np.ndarray) -> dict:
     """Return what an estimate is off from the box at a pose (7,) [mm, deg]."""
-    placed = np.eye(4)
-    turn = rotation_of(pose[3:])
-    placed[:3, :3], placed[:3, 3] = turn.as_matrix(), pose[:3]
-    true, found = trimesh.creation.box(BOX, transform=placed), estimate.mesh()
+    true = placed(trimesh.creation.box(BOX), *np.split(pose, [3]))
+    turn, found = rotation_of(pose[3:]), estimate.mesh()
     off, C = error_of(estimate, pose, turn), covariance_of(estimate.information)
     sides, place, yaw = np.split(off, [3, 5])
     centred = found.copy()

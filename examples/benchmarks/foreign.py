@@ -25,12 +25,11 @@ from foreign_bodies import Box
 from foreign_departures import DEPARTURES
 from foreign_report import picture, summary
 from foreign_world import ForeignWorld, recorded, told_of
-from judging import solved
+from judging import solved, touched_sizes
 from study import study_parser, table, tabled_study, telling, write_csv
 
 from tactilenlp import Measurements, Scene, solve_estimate
 from tactilenlp.evaluation.metrics import cuboid_errors
-from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 
 TOLD = ("refused", *(f"side_{a}_error" for a in "xyz"), "verdict", "cpu_s")
 
@@ -66,10 +65,7 @@ def judged(departure: str, strength: str, number: int, actions: int, file=None) 
     last = data.samples - 1
     pose = true["object_position"][last], true["object_quaternion"][last]
     row |= errors_in(estimate, true["side_lengths"], *pose)
-    faces = touched_faces(data, true["object_quaternion"][: last + 1])
-    faces[2, 0] += KNOWN_FACE  # the ground touches -z
-    known = faces.min(axis=1) >= KNOWN_FACE
-    return row | {f"touched_{a}": bool(k) for a, k in zip("xyz", known, strict=True)}
+    return row | touched_sizes(data, true["object_quaternion"])
 
 
 def errors_in(estimate, sides, position, quaternion) -> dict:

@@ -10,6 +10,7 @@ from formulations.shape import CUBOID
 from tactilenlp import Problem, solve_estimate
 from tactilenlp.data.sensor_noise import precision_of, smooth_paths
 from tactilenlp.errors import TactileError
+from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 from tactilenlp.geometry.transforms import rotation_of
 from tactilenlp.problem.reductions import (
     Reductions,
@@ -61,6 +62,17 @@ def placed(mesh: Trimesh, position, quaternion) -> Trimesh:
     """Move a mesh from the body's frame to a pose in the world; return it."""
     pose = translation_matrix(position) @ quaternion_matrix(quaternion)
     return mesh.apply_transform(pose)
+
+
+def touched_sizes(data, quaternion) -> dict[str, bool]:
+    """Return which sizes of a box are touched on both faces, or by the ground below.
+
+    quaternion (T, 4): its true path, at least up to the last sample of the data.
+    """
+    faces = touched_faces(data, quaternion[: data.samples])
+    faces[2, 0] += KNOWN_FACE  # the ground touches -z
+    known = faces.min(axis=1) >= KNOWN_FACE
+    return {f"touched_{a}": bool(k) for a, k in zip("xyz", known, strict=True)}
 
 
 def planes_off(planes, mesh: Trimesh) -> np.ndarray:

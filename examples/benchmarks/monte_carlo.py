@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from estimate_cuboid import Truth, apart
 from judging import solved
-from report_monte_carlo import FILE, report
+from report_monte_carlo import FILE, KINDS, report
 from study import executor_of, run_study, study_parser
 
 from tactilenlp import Measurements, Noise, Options, Scene, observed_information
@@ -26,7 +26,6 @@ from tactilenlp.geometry.transforms import rotation_of
 
 TILTED = np.radians(20)  # an object whose axes turn this much out of the flat tumbles
 NOISE = {"position": 1e-3, "normal": np.radians(5), "flips": 0.01}  # [m], [rad], [1]
-KINDS = ("exact", "sandwich", "gauss_newton", "paper")
 FREE = [f"{q} {w}" for q in ("side", "position", "rotation") for w in "xyz"]
 
 
@@ -59,13 +58,16 @@ def measure(file: str, actions: int, number: int, noise: dict) -> dict:
     free = dict(zip(FREE, free, strict=True))
     row |= {"names": names, "error": [free[name] for name in names]}
     order = on_true_axes(names, error.permutation)
-    row["user"] = estimate.information.covariance()[order].tolist()
-    for kind in KINDS:
-        told = estimate.information.of_hessian()
-        if kind != "exact":
-            told = observed_information(estimate, kind)
-        row[kind] = told.covariance()[order].tolist()
-    return row
+    return row | {kind: told_by(estimate, kind)[order].tolist() for kind in KINDS}
+
+
+def told_by(estimate, kind: str):
+    """Return the covariance (N, N) of an estimate, user: that of `information`."""
+    if kind == "user":
+        return estimate.information.covariance()
+    if kind == "exact":
+        return estimate.information.of_hessian().covariance()
+    return observed_information(estimate, kind).covariance()
 
 
 def on_true_axes(names, permutation):
