@@ -85,22 +85,41 @@ def test_covariances_of_sizes_are_moved_to_the_true_axes(report):
     assert np.diag(np.diag([1.0, 2, 3, 4])[order]).tolist() == [2, 1, 3, 4]
 
 
-def test_a_re_measurement_that_is_refused_is_a_failure(report, monkeypatch):
+@pytest.fixture
+def refused(report, monkeypatch):
+    """Return a function: the row of a refused re-measurement, and how it was solved.
+
+    without: the reductions that the recording is solved without.
+    """
     import monte_carlo
 
-    def refuses(*_, **given):
+    given, data = {}, Measurements.load(RECORDED)
+
+    def refuses(*_, **options):
+        given.update(options)
         raise TactileError("too late", where="contact", next="-")
 
-    data, truth = Measurements.load(RECORDED), monte_carlo.Truth(RECORDED)
-    begun = SimpleNamespace(measurements=data)
-    monkeypatch.setattr(truth, "start", lambda estimate: None)
-    known = data, Scene(), truth, None, begun
-    monkeypatch.setattr(monte_carlo, "known", lambda *_: known)
+    def measured(*without):
+        truth = SimpleNamespace(start=lambda estimate: "the true motion")
+        options = SimpleNamespace(without=without)
+        known = data, Scene(), truth, options, SimpleNamespace()
+        monkeypatch.setattr(monte_carlo, "known", lambda *_: known)
+        return monte_carlo.measure(str(RECORDED), 6, 0, monte_carlo.NOISE), given
+
     monkeypatch.setattr(monte_carlo, "replace", lambda one, **_: one)
     monkeypatch.setattr("judging.solve_estimate", refuses)
-    row = monte_carlo.measure(str(RECORDED), 6, 0, monte_carlo.NOISE)
+    return measured
+
+
+def test_a_re_measurement_that_is_refused_is_a_failure(refused):
+    row, given = refused()
     assert not row["success"]
     assert "too late" in row["refused"]
+    assert given["start"] == "the true motion"
+
+
+def test_a_body_that_tumbles_does_not_start_in_the_plane(refused):
+    assert refused("planar")[1]["start"] is None
 
 
 @pytest.mark.slow
