@@ -85,6 +85,10 @@ def test_covariances_of_sizes_are_moved_to_the_true_axes(report):
     assert np.diag(np.diag([1.0, 2, 3, 4])[order]).tolist() == [2, 1, 3, 4]
 
 
+def test_a_report_says_where_nothing_is_observed(report):
+    assert report.of_observed([], "user") == "none observed"
+
+
 @pytest.fixture
 def refused(report, monkeypatch):
     """Return a function: the row of a refused re-measurement, and how it was solved.

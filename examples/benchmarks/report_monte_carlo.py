@@ -97,22 +97,28 @@ def report(folder: Path) -> None:
     print(f"[mm, deg]; predicted / scatter by kind\n{table(lines)}")
     seen = [line for line in lines if line["observed"]]
     for kind in KINDS:
-        good = np.mean([abs(line[kind] - 1) <= WITHIN for line in seen])
-        middle = np.median([line[kind] for line in seen])
         about = "{:.2f} (95 % band {:.2f} to {:.2f})".format(
             *pooled(found, kind, False)
         )
         true = f"{pooled(found, kind, True)[0]:.2f}"
-        bands = [told_by(line["runs"]) for line in seen]
-        fits = np.mean([
-            low < line[kind] < high
-            for line, (low, high) in zip(seen, bands, strict=True)
-        ])  # fmt: skip
-        within = f"{good:4.0%} of {len(seen)} observed within 15 %"
-        within += f", {fits:4.0%} as far as the runs can tell"
-        print(f"{kind:13} {within}, median ratio {middle:.2f}")
+        print(f"{kind:13} {of_observed(seen, kind)}")
         print(f"{'':13} NEES about the mean {about}, about the truth {true}")
     draw(lines, folder / "monte_carlo.png")
+
+
+def of_observed(seen: list[dict], kind: str) -> str:
+    """Return how many of the observed parameters have a true sigma, in words."""
+    if not seen:
+        return "none observed"
+    good = np.mean([abs(line[kind] - 1) <= WITHIN for line in seen])
+    bands = [told_by(line["runs"]) for line in seen]
+    fits = np.mean([
+        low < line[kind] < high for line, (low, high) in zip(seen, bands, strict=True)
+    ])  # fmt: skip
+    middle = np.median([line[kind] for line in seen])
+    within = f"{good:4.0%} of {len(seen)} observed within 15 %"
+    within += f", {fits:4.0%} as far as the runs can tell"
+    return f"{within}, median ratio {middle:.2f}"
 
 
 def draw(lines, file) -> None:
