@@ -20,7 +20,7 @@ import numpy as np
 import trimesh
 from estimate_polytope import carried_along, sure, touch_at_random
 from exploration_objects import world_of
-from judging import solved
+from judging import quantile, solved
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from study import grouped, study_parser, table, tabled_study, telling
@@ -167,14 +167,17 @@ def measured(name: str, shape: str, trial: int, actions: int) -> dict:
 
 
 def summary(rows) -> list[dict]:
-    """Return medians of each body, its confident errors and refusals."""
+    """Return medians of each body, its confident errors and refusals.
+
+    A refusal is infinitely far.
+    """
     out, keys = [], ("best_mm", "error_mm", "best_touched_mm", "touched_mm", "ratio")
     for (name, shape), mine in grouped(rows, "body", "class").items():
         good = [r for r in mine if not r["said"]]
         line = {"body": name, "class": shape, "n": len(mine)}
         line |= {"refused": len(mine) - len(good)}
         for key in (*keys, "nats"):
-            line[key] = float(np.median([r[key] for r in good] or [np.nan]))
+            line[key] = quantile([r.get(key, np.inf) for r in mine])
         out.append(line | {k: sum(r[k] for r in good) for k in ("wrong", "faces")})
     return out
 
