@@ -27,7 +27,7 @@ AGAINST_NORMAL = 0.02  # a touch begins while the finger moves along the felt no
 BODY_MOVES = 0.1  # the same while other fingers may move the body
 AT_REST = 0.02  # a touch begins though neither this finger nor the body moves
 LET_GO = 0.1  # a touch ends while the finger presses on: the body gets away
-BEGUN = 0.2  # an action begins in contact
+BEGUN = 0.4  # an action begins in contact: programmes push on from where they are
 OUTSIDE_PLANE = 0.05  # a touched point lies outside another touched plane
 INSIDE_FINGER = 0.05  # a finger passes a point that was touched, and feels nothing
 FINGERS_OVERLAP = 0.05  # two fingers overlap in an action
@@ -156,8 +156,8 @@ def releases(record: Record) -> float:
 
 
 def begins_touched(record: Record) -> float:
-    """An action begins without contact, or a programme begins them all in contact."""
-    return of_one_rate(np.zeros(record.events.begun), BEGUN)
+    """An action begins without contact."""
+    return np.log(BEGUN) * record.events.begun
 
 
 def planes(record: Record) -> float:
