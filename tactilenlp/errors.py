@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
@@ -188,6 +189,8 @@ def did_you_mean(name, names) -> str:
 def _wrong_call(error, cls, names: list, wrong: TypeError, given: dict) -> TactileError:
     """Return the error for arguments that a class does not take."""
     unknown = [name for name in given if name not in names]
+    if is_dataclass(cls):  # without arguments of older versions
+        names = [field.name for field in fields(cls) if field.init]
     _, lacks, missing = f"{wrong}".partition("missing a required argument: ")
     help_ = "check the spelling" if unknown else "see its documentation"
     return error(

@@ -1,9 +1,10 @@
-"""Check arguments, read and write .npz files, show progress, survive Ctrl-C.
+"""Check arguments, read and write .npz files, show progress, handle Ctrl-C.
 
 In: what users pass, paths.  Out: checked values; files that are whole or not there.
-Nothing here knows of fingers, bodies or programmes.
+Independent of fingers, bodies and programmes.
 
-- `validation`, `named`: argument checks that raise typed errors; dicts that do
+- `validation`, `named`: argument checks that raise typed errors; dictionaries
+  whose missing keys raise them
 - `npz`, `layout`, `whole_file`, `file_lock`: arrays and frozen dataclasses in one file
 - `progress`, `interrupt`, `deadline`: bars, Ctrl-C and time limits
 - `threads`, `library_cache`: BLAS on one thread; compiled functions on disk

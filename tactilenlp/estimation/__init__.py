@@ -8,7 +8,7 @@ Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units
   solved after every action where the fit is not good
 - `few_starts`: an estimate is continued from few starts before others are searched for
 - `coarse_to_fine`: recordings of a high rate, solved at a lower rate first
-- `interrupted`: Ctrl-C, the time limit, estimates not to be used
+- `interrupted`: Ctrl-C, the time limit, estimates marked as failed
 - `compile_ahead`: functions that are compiled before they are needed
 - `programme`, `observed_information`: the programme of an estimate, built again;
   information of other kinds, sensitivity to assumptions

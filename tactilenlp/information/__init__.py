@@ -1,4 +1,4 @@
-"""What an estimate tells, and how far off it may be: covariance by name.
+"""Covariance of an estimate: Laplace approximation and error budget, by name.
 
 In: a solved `Problem`.  Out: `Information` about shape and final pose.  The Hessian of
 the Lagrangian is reduced to the null space of the active constraints, and all else is

@@ -10,6 +10,6 @@ a shape and a trajectory.  Of shapes with sizes: multi-hypothesis tracking, mult
 - `multistart`: the page solved from starts, by successive halving
 - `plane_slam`: several hypotheses of planes and poses of a polytope, along paths that
   pushes predict (`predicted_motion`), for several compliances (`soft_fingertips`);
-  `polytope_init`: hulls of these planes; `vertex_number`: their fits, with as many
-  vertices as the evidence asks for
+  `polytope_init`: hulls of these planes; `vertex_number`: their fits, whose number of
+  vertices is selected by evidence
 """

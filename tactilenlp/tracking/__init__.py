@@ -1,4 +1,4 @@
-"""Track many bodies at once through what the fingers felt: a filter with a smoother.
+"""Multi-hypothesis tracking: iterated extended Kalman filters with a smoother.
 
 In: starts of bodies, measurements, scene.  Out: smoothed trajectories, with evidence.
 
