@@ -56,16 +56,16 @@ def build(nlp, window, scene, shape):
     v_eps = nlp.parameter("speed rounding", STEP_V_EPS, "m/s")
     step, push = window.step, window.push
 
-    def motion(theta, x_1, x_2, dt, dt_1, *more):
-        return body.step(theta, x_1, coming(x_1, x_2, dt, dt_1), dt, *more)
+    def motion(*begun):
+        return body.step(*evenly(*begun))
 
-    def response(x_t, theta, x_1, x_2, dt, dt_1, *more):
-        begun = theta, x_1, coming(x_1, x_2, dt, dt_1), dt, *more
-        return ca.diag(1 / x.scale) @ body.impulse_response(x_t, *begun)
+    def response(x_t, *begun):
+        return ca.diag(1 / x.scale) @ body.impulse_response(x_t, *evenly(*begun))
 
-    def remaining(x_t, theta, x_1, x_2, dt, dt_1, mu, mu_g, v_eps, *more):
-        begun = theta, x_1, coming(x_1, x_2, dt, dt_1), dt, mu, mu_g, *more
-        return ca.norm_inf(body.imbalance(x_t, v_eps, *begun))
+    def remaining(x_t, *begun):
+        theta, x_1, x_2, dt, mu, mu_g, v_eps, *pushers = evenly(*begun)
+        known = theta, x_1, x_2, dt, mu, mu_g, *pushers
+        return ca.norm_inf(body.imbalance(x_t, v_eps, *known))
 
     for count, g in window.groups.items():
         s, at = g.steps, g.pushes.T
@@ -79,6 +79,11 @@ def build(nlp, window, scene, shape):
         nlp.report(name + RESPONSE, response, end, *begun)
         nlp.report(name + EXACT, remaining, end, *begun)
     reports(nlp, window, scene, shape, body, theta, x, mu)
+
+
+def evenly(theta, x_1, x_2, dt, dt_1, *more):
+    """Return what a step begins with, had the one before been as long."""
+    return theta, x_1, coming(x_1, x_2, dt, dt_1), dt, *more
 
 
 def coming(x_1, x_2, dt, dt_1):

@@ -20,6 +20,7 @@ import numpy as np
 from tactilenlp.common.validation import check_range
 from tactilenlp.data.measurements import Measurements
 
+from .clock import near_samples
 from .errors import ClockError, CompletenessError, LimitError
 from .streams import (
     CONTACT,
@@ -199,10 +200,7 @@ def _angles(one: FingerStreams, time: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _interpolated(stream: Stream, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return values (n, 2) between neighbours, and whether these are close enough."""
     known = stream.time
-    after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
-    ends = known[[after - 1, after]]  # (2, n)
-    close = np.diff(ends, axis=0)[0] <= LARGEST_GAP
-    close |= (abs(ends - time) <= ROUNDING).any(axis=0)  # measured then
+    close = near_samples(known, time, LARGEST_GAP, ROUNDING)
     inside = (time >= known[0] - ROUNDING) & (time <= known[-1] + ROUNDING)
     columns = [np.interp(time, known, values) for values in stream.values.T]
     return np.stack(columns, axis=-1), inside & close

@@ -221,3 +221,15 @@ def _lower_hull(x: np.ndarray, y: np.ndarray) -> list[int]:
 
 def _turns_down(x: np.ndarray, y: np.ndarray, a: int, b: int, c: int) -> bool:
     return (x[b] - x[a]) * (y[c] - y[a]) <= (x[c] - x[a]) * (y[b] - y[a])
+
+
+def near_samples(known, time, largest: float, rounding: float = 0.0) -> np.ndarray:
+    """Return whether times (n,) [s] are between close samples, or those of a sample.
+
+    known: (m,) [s], sorted, two or more; largest [s]: between two that are close;
+    rounding [s]: of stamps.
+    """
+    after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
+    ends = known[[after - 1, after]]  # (2, n)
+    of_sample = (abs(ends - time) <= rounding).any(axis=0)
+    return of_sample | (np.diff(ends, axis=0)[0] <= largest)

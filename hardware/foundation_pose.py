@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from tactilenlp.common.validation import as_floats, check_range, is_rotation, numbers_of
 
+from .clock import near_samples
 from .errors import ClockError, RecordingError
 
 log = logging.getLogger(__name__)
@@ -54,10 +55,8 @@ class Poses:
         if len(good) < 2:
             return _nothing(time)
         known, p_w = self.time[good], self.position[good]
-        after = np.clip(np.searchsorted(known, time), 1, len(known) - 1)
-        ends = known[[after - 1, after]]  # (2, n)
-        close = np.diff(ends, axis=0)[0] <= LARGEST_GAP * np.median(np.diff(self.time))
-        close |= (time == ends).any(axis=0)  # of that picture
+        gap = LARGEST_GAP * np.median(np.diff(self.time))
+        close = near_samples(known, time, gap)
         valid = (known[0] <= time) & (time <= known[-1]) & close
         inside = np.clip(time, known[0], known[-1])
         position = np.stack([np.interp(inside, known, p) for p in p_w.T], axis=-1)

@@ -95,7 +95,7 @@ def test_what_is_far_or_absent_leaves_the_optimum_where_it_is(found, name):
     assert instances[0] < instances[1]
     start = {"theta": h.theta, "x": h.x[:, windows[0].last]}
     best = solve_levels(lean, page.LEVELS, start, exact)
-    reduced = SimpleNamespace(window=windows[0], solution=best)
+    reduced = SimpleNamespace(problem=lean, window=windows[0], solution=best)
     start, _, _ = transferred_values(reduced, windows[1], whole)
     again = solve(whole, replace(exact, barrier=1e-5), start=start)
     assert again.objective == pytest.approx(best.objective, rel=1e-6, abs=1e-6)

@@ -25,12 +25,12 @@ from formulations.names import (
 )
 from formulations.violation_implicit import TOUCH
 
+from ..data.contact_segments import SIDE_NORMAL
 from ..errors import MotionError
 from ..geometry.transforms import rotate_back
 from ..local.solved import Solved
 from ..problem.job import Job
 from ..problem.pages import page_of
-from ..problem.reductions import SIDE_NORMAL
 from ..problem.window import Window
 
 NORMAL_ERROR = 0.015  # [rad] of a touch model

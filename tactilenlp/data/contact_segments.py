@@ -23,6 +23,7 @@ REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 STANDING = 0.05e-3  # [m] a finger that moves less in a sample is not approaching
 NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that turned
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
+SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
 def samples_until(data: Measurements, samples: int) -> Measurements:
@@ -43,6 +44,11 @@ def consecutive_contacts(data) -> np.ndarray:
     """Tell which fingers feel two consecutive samples of an action (T - 1, F)."""
     felt = data.contact
     return felt[1:] & felt[:-1] & (data.action[1:] == data.action[:-1])[:, None]
+
+
+def felt_sides(data) -> np.ndarray:
+    """Tell which fingers feel a side of the body (T, F); data in the ground's frame."""
+    return data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
 
 
 def rate_of(data, values: np.ndarray) -> np.ndarray:

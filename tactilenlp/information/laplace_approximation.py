@@ -97,11 +97,11 @@ def sizes_at_bounds(solved: Solved) -> np.ndarray:
     square is sqrt(2) / multiplier; it ends at the other bound.
     """
     solution, theta = solved.solution, solved.problem.variables["theta"]
-    lower, upper = theta.lower[:, 0], theta.upper[:, 0]
-    on = solved.kkt.fixed[theta.span] & (lower < upper) & ("theta" not in solution.held)
-    force = np.abs(solution.bound_multipliers["theta"][:, 0])
-    widest = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    return np.where(on, np.minimum(np.sqrt(2) / np.maximum(force, 1e-9), widest), 0.0)
+    room = (theta.upper - theta.lower)[:, 0]
+    on = solved.kkt.fixed[theta.span] & (room > 0) & ("theta" not in solution.held)
+    deviations, force = np.zeros(len(room)), solution.bound_multipliers["theta"][on, 0]
+    deviations[on] = np.minimum(np.sqrt(2) / np.abs(force), room[on])
+    return deviations
 
 
 def _of_vertices(response: Response, solved: Solved, faces) -> tuple:

@@ -32,35 +32,45 @@ def transferred_values(solved: Solved, again, problem) -> tuple[dict, dict, dict
         values[name] = _columns(solution.values[name], source, v.guess)
         old = solution.bound_multipliers[name]
         bounds[name] = _columns(old, source, np.zeros(v.guess.shape))
+    places = old_places(solved.problem, problem, came_from)
     for name, term in problem.constraints.items():
         source = came_from.get(term.per)
         if source is None:
-            source = same_instances(solved.problem, problem, name, came_from)
+            before = solved.problem.constraints.get(name)
+            source = same_instances(before, term, places)
         old = solution.multipliers.get(name, np.zeros((0, term.function.rows)))
         none = np.zeros((term.function.rows, term.instances))
         multipliers[name] = _columns(old.T, source, none).T
     return values, bounds, multipliers
 
 
-def same_instances(old, new, name: str, came_from: dict) -> np.ndarray:
-    """Return which instance of a constraint of an old problem each new one is, or -1.
+def old_places(old, new, came_from: dict) -> np.ndarray:
+    """Return where each unknown of a new problem is among those of an old one, or -1.
 
-    It reads the same unknowns; came_from: by variable, the old column of each new one.
-    Where none does, the one of the same number if there are as many.
+    came_from: by variable, the old column of each new one, by default the same.  Poses
+    of another motion have other unknowns.
     """
-    term, before = new.constraints[name], old.constraints.get(name)
+    places = np.full(new.size, -1)
+    for name, variable in new.variables.items():
+        v = old.variables.get(name)
+        if v is None or v.rows != variable.rows:
+            continue
+        source = came_from.get(name, np.arange(variable.columns))
+        kept = ((source >= 0) & (source < v.columns))[:, None]
+        rows = v.span.start + source[:, None] * v.rows + np.arange(v.rows)
+        places[variable.span] = np.where(kept, rows, -1).ravel()
+    return places
+
+
+def same_instances(before, term, places) -> np.ndarray:
+    """Return which instance of a term `before`, if any, each one of a term is, or -1.
+
+    It reads the same unknowns; places: as of `old_places`.  Where none does, the one of
+    the same number if there are as many.
+    """
     if before is None:
         return np.full(term.instances, -1)
-    place = np.full(new.size, -1)
-    for variable in new.variables.values():
-        if (v := old.variables.get(variable.name)) is None or v.rows != variable.rows:
-            continue
-        source = came_from.get(v.name, np.arange(variable.columns))
-        kept = (source >= 0) & (source < v.columns)
-        first = v.span.start + source * v.rows
-        rows = first[:, None] + np.arange(v.rows)
-        place[variable.span] = np.where(kept[:, None], rows, -1).ravel()
-    source = rows_of(numbered(before.unknowns), numbered(place[term.unknowns]))
+    source = rows_of(numbered(before.unknowns), numbered(places[term.unknowns]))
     if term.instances == before.instances:
         source = np.where(source < 0, np.arange(term.instances), source)
     return source
@@ -69,9 +79,9 @@ def same_instances(old, new, name: str, came_from: dict) -> np.ndarray:
 def numbered(rows) -> list[tuple[bytes, int]]:
     """Return the rows of an array, each with how many before it are equal to it."""
     seen, keys = Counter(), []
-    for row in rows:
-        keys.append((row.tobytes(), seen[row.tobytes()]))
-        seen[row.tobytes()] += 1
+    for key in (row.tobytes() for row in rows):
+        keys.append((key, seen[key]))
+        seen[key] += 1
     return keys
 
 

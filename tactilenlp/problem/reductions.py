@@ -23,7 +23,7 @@ from formulations.page_contract import contract_of
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
-from ..data.contact_segments import REPEATED, intervals, rate_of
+from ..data.contact_segments import REPEATED, SIDE_NORMAL, intervals, rate_of
 from ..data.scene import low_friction
 from ..data.sensor_noise import late_gap
 from ..errors import OptionError, did_you_mean, typed_call
@@ -34,7 +34,6 @@ from .window import Corners, Pushes, Rests, Samples, Steps, Window
 CLEARLY_FREE = 30e-3  # [m] a free finger this far beyond the sensor's doubt is left out
 MIN_MOVE = 0.1e-3  # [m] a guess that moves further in a sample needs poses of its own
 EVEN_STEPS = 1e-6  # [-] by which steps of one length differ, by rounding of times
-SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
 @typed_call()

@@ -37,6 +37,7 @@ import numpy as np
 from formulations.sensing import FREEDOM
 from formulations.size_prior import size_cost
 
+from ..data.contact_segments import felt_sides
 from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar
 from ..information.error_budget_terms import VERTICAL
@@ -45,7 +46,6 @@ from ..local.levels import RANKING_TOLERANCE
 from ..local.margins import PROFILE_RISE
 from ..local.solved import Solved, settings_of
 from ..problem.hypothesis import Hypothesis, resized
-from ..problem.reductions import SIDE_NORMAL
 from ..solvers.solve import solve_levels
 from ..tracking.surface import rotation_at
 from .profile_deviation import VAGUE_SHARE, Point, Profile
@@ -81,17 +81,17 @@ def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
     # Not positive where the Hessian is indefinite: it tells nothing, `sigma` is inf.
     sigma = np.sqrt(np.where(variance > 0, variance, np.inf))
     along, large = [n + int(np.argmax(sigma[n : n + 2]))], KNOWN_POSITION
-    widest = max(shape.typical_deviation, carried := way_since_sides(solved))
+    carried = way_since_sides(solved)
+    widest = max(shape.typical_deviation, carried)
     if carried > KNOWN_POSITION:
         along, large = [n, n + 1], VAGUE_SHARE * widest
-    for axis in (axis for axis in along if sigma[axis] >= large):
-        # The Hessian already states a large sigma.
-        deviations[axis] = by_gradient[chosen, axis] / sigma[axis]
-    profiles = [
-        Profile(solved, axis, widest, None, seeks)
-        for axis in along if sigma[axis] < large
-    ]  # fmt: skip
-    for profile in [*_profiles(solved, faces, sigma, seeks), *profiles]:
+    profiles = _profiles(solved, faces, sigma, seeks)
+    for axis in along:
+        if sigma[axis] < large:
+            profiles.append(Profile(solved, axis, widest, None, seeks))
+        else:  # the Hessian already states a large sigma
+            deviations[axis] = by_gradient[chosen, axis] / sigma[axis]
+    for profile in profiles:
         axis = profile.axis
         way = by_gradient[:, axis] / variance[axis] * min(sigma[axis], profile.prior)
         solve_held = partial(_solve_held, solved, chosen[axis], axis)
@@ -127,8 +127,7 @@ def way_since_sides(solved) -> float:
     data, at = solved.job.data, solved.at
     if not is_planar(at.x):
         return 0.0
-    sides = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
-    last = np.flatnonzero(sides.any(axis=1))
+    last = np.flatnonzero(felt_sides(data).any(axis=1))
     since = last[-1] if len(last) else 0
     return float(np.linalg.norm(at.x[:2, -1] - at.x[:2, since]))
 
@@ -175,12 +174,12 @@ def faces_sigma(job, touched) -> float:
 def prior_deviations(shape, theta) -> np.ndarray:
     """Return the standard deviations (n,) of the prior of each size at the others.
 
-    Of Student's t of 2 + n degrees of freedom, which the prior is of one size.
+    Of one size, the prior is Student's t of FREEDOM - 1 + n degrees of freedom.
     """
     mean, deviation = (np.broadcast_to(v, shape.theta) for v in shape.size_prior)
     n, square = shape.theta, ((theta - mean) / deviation) ** 2
     others = square.sum() - square
-    return deviation * np.sqrt((FREEDOM + n + others) / n)
+    return deviation * np.sqrt((FREEDOM + n + others) / (FREEDOM + n - 3))
 
 
 def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:

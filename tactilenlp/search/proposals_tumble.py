@@ -18,13 +18,13 @@ import numpy as np
 from formulations import quasi_static
 
 from ..certificates.outliers import side_tilt
-from ..data.contact_segments import intervals
+from ..data.contact_segments import SIDE_NORMAL, felt_sides, intervals
 from ..geometry.tipping import QUARTER_TURN, Tip, fall, planar_to_free
 from ..geometry.transforms import matrices, move_poses, rotate_planar, rotvecs
 from ..local.comparison import distinct
 from ..local.solved import BuiltPage
 from ..problem.hypothesis import Hypothesis
-from ..problem.reductions import SIDE_NORMAL, Reductions, window_of_samples
+from ..problem.reductions import Reductions, window_of_samples
 from ..tracking.initial_states import BELOW_TOP
 from .multi_hypothesis import TrackingSearch, smoothed_tracks
 
@@ -110,7 +110,7 @@ def last_tumbles(job, kept) -> list[Tumble]:
     kept: planar hypotheses of the actions before, none if it is the first.
     """
     data, out = job.data, []
-    side = data.contact & (np.abs(data.normal[..., 2]) < SIDE_NORMAL)
+    side = felt_sides(data)
     side &= (data.action == data.action[-1])[:, None]
     highest = data.finger_position[side][:, 2].max(initial=-np.inf)
     for h in smoothed_tracks(job, kept, TUMBLE_TRACKS):
