@@ -117,7 +117,7 @@ def test_the_window_of_an_action_is_that_of_its_samples(early):
 def test_the_world_sees_the_same_motion_in_other_axes():
     rng = np.random.default_rng(0)
     h = Hypothesis(rng.normal(size=12), rng.normal(size=(3, 5)), 0.0, ("any",))
-    same, turn = incremental_polytope.with_axes_of_ground(h)
+    same, turn = h.with_axes_of_ground()
     assert same.x[2, -1] == 0
     assert turn @ h.theta[:3] == pytest.approx(same.theta[:3])
     for k in range(5):

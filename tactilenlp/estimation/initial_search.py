@@ -154,10 +154,13 @@ def search_in_contact_frame(request: Request, job: Job, incumbents) -> TrackingS
 
 
 def _search_polytope_in_contact_frame(job: Job, incumbents) -> list[Hypothesis]:
-    """Return hypotheses of a polytope, searched in the frame of the first touch."""
+    """Return hypotheses of a polytope, searched in the frame of the first touch.
+
+    Its axes are those of the ground at the last sample, whose pose the page holds.
+    """
     frame = ContactFrame.of(job)
     found = search_polytope(
         frame.job(job), [frame.into(h) for h in incumbents.kept],
         lambda kept: incumbents.keep([frame.out_of(h) for h in kept]),
     )  # fmt: skip
-    return [frame.out_of(h) for h in found]
+    return [frame.out_of(h).with_axes_of_ground()[0] for h in found]

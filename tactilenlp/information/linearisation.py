@@ -112,8 +112,19 @@ class Linearisation:
         theta, x = self.values["theta"], self.values["x"][:, -1:]
         shape, motion = self.window.shape, self.window.motion
         if shape.of_vertices:
-            return theta.mean(axis=1)
+            return self.vertices.mean(axis=0)
         return pose_jacobians(shape, motion, theta[:, 0], x)[0][0]
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """The vertices (V, 3) [m] of a polytope at the last sample, ground frame.
+
+        Its axes are those of the frame there.
+        """
+        place = self.values["x"][:3, -1].copy()
+        if self.window.motion.name == "planar":
+            place[2] = 0.0
+        return self.values["theta"].T + place
 
     def response(self, chosen, jacobian, by_ground=0.0) -> Response:
         """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.

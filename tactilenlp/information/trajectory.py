@@ -99,7 +99,7 @@ def response_to_ground(linearisation: Linearisation, tangent) -> tuple:
     if linearisation.tilt is None:
         return 0.0, None
     if window.shape.of_vertices:
-        vertices = linearisation.slopes_by_tilt(linearisation.values["theta"].T)
+        vertices = linearisation.slopes_by_tilt(linearisation.vertices)
         return vertices[:, :3].reshape(-1, 2), None
     p = linearisation.end[None]
     if window.motion.name != "free":

@@ -14,7 +14,7 @@ import numpy as np
 from ..common.brief import printed
 from ..common.layout import ANY
 from ..geometry.faces import KNOWN_FACE
-from ..geometry.transforms import is_planar, matrices
+from ..geometry.transforms import is_planar, matrices, planar_matrix
 
 
 def ranked(objective: float) -> float:
@@ -77,6 +77,15 @@ class Hypothesis:
     def at(self, samples: int) -> Hypothesis:
         """Return the hypothesis of the first samples only."""
         return replace(self, x=self.x[:, :samples])
+
+    def with_axes_of_ground(self) -> tuple[Hypothesis, np.ndarray]:
+        """Return the planar motion of a polytope in axes of the ground at the end.
+
+        And the rotation (3, 3) from the body's axes before to those now.
+        """
+        turn = planar_matrix(yaw := self.x[2, -1])
+        theta = (self.theta.reshape(-1, 3) @ turn.T).ravel()
+        return replace(self, theta=theta, x=self.x - [[0.0], [0.0], [yaw]]), turn
 
 
 def resized(hypothesis, axis: int, size: float, touched):

@@ -32,7 +32,6 @@ from ..local.solved import (
     search_settings,
 )
 from ..local.transfer import matching_contacts
-from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
 from ..problem.polytope_window import PolytopeWindow
 from ..problem.reductions import Reductions
@@ -182,7 +181,7 @@ def new_action_alone(job: Job, past: Solved, about) -> Solved:
 
 def joint(job: Job, past: Solved, new: Solved) -> Solved:
     """Return the page of all actions, solved from the past and the new action."""
-    h, turn = with_axes_of_ground(new.hypothesis)
+    h, turn = new.hypothesis.with_axes_of_ground()
 
     def start(past, built) -> Solution:
         window = built.window
@@ -198,17 +197,6 @@ def joint(job: Job, past: Solved, new: Solved) -> Solved:
 
     solved = warm_started(job, past, UPDATE_MU, h, start)
     return replace(solved, solution=after(new.solution, solved.solution))
-
-
-def with_axes_of_ground(h: Hypothesis) -> tuple[Hypothesis, np.ndarray]:
-    """Return the same motion, the body's axes those of the ground at the last sample.
-
-    And the rotation (3, 3) from the body's axes before to those now.
-    """
-    yaw = h.x[2, -1]
-    turn = planar_matrix(yaw)
-    x = h.x - [[0.0], [0.0], [yaw]]
-    return replace(h, theta=(h.theta.reshape(-1, 3) @ turn.T).ravel(), x=x), turn
 
 
 def on_legs(solved: Solved, window: PolytopeWindow) -> Solved:
