@@ -12,7 +12,7 @@ import tactilenlp
 
 from .common.interrupt import interruptible
 from .common.npz import format_of
-from .common.whole_file import check_folder
+from .common.whole_file import check_file, check_folder
 from .errors import FileError, Interrupted, OptionError, TactileError
 from .output.export import check_format
 from .problem.pages import FORMULATIONS, SHAPES, shape_of
@@ -162,7 +162,7 @@ def _check_outputs(given) -> None:
     for name in ("save", "output", "export"):
         if not (path := getattr(given, name, None)):
             continue
-        check_folder(path, f"--{name}")
+        check_file(path, f"--{name}")
         suffixes = SUFFIXES.get(name, ())
         if suffixes and path.suffix.lower() not in suffixes:
             raise OptionError(

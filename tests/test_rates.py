@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tactilenlp import Measurements, Scene, Workspace, World, solve_estimate
-from tactilenlp.data.contact_segments import intervals, rate_of
+from tactilenlp import Measurements, Noise, Scene, Workspace, World, solve_estimate
+from tactilenlp.data.contact_segments import intervals, rate_of, tracked_samples
+from tactilenlp.data.mistakes import check_mistakes
 from tactilenlp.errors import MeasurementError
 from tactilenlp.problem.reductions import may_move, repeated_samples
-from tactilenlp.tracking.tracking import tracked_samples
 
 RATES = (30.0, 300.0, 60.0)  # [Hz] of three actions
 
@@ -39,7 +39,7 @@ def test_the_interval_of_a_sample_is_that_of_its_action(recording):
 def test_an_action_is_tracked_by_its_own_rate(recording):
     for action in range(len(RATES)):
         samples = np.flatnonzero(recording.action == action)
-        tracked = tracked_samples(recording, samples)
+        tracked = np.intersect1d(tracked_samples(recording), samples)
         assert len(tracked) == 30
         assert tracked[-1] == samples[-1]
 
@@ -98,3 +98,14 @@ def test_a_position_is_interpolated_where_nothing_was_measured(recording):
     for lost in (np.ones_like(valid), valid & (recording.action != 1)[:, None]):
         with pytest.raises(MeasurementError, match="finger_position: not finite"):
             Measurements(**arrays | {"valid": lost, "finger_position": p})
+
+
+def test_flips_at_a_high_rate_are_no_mistake():
+    """A pair of flipped booleans is too short for a touch, at any rate."""
+    noise = Noise(position=1e-3, normal=np.radians(5), flips=0.02, seed=11)
+    world = World((0.05, 0.035, 0.04), rate=200, noise=noise)
+    rng, space = np.random.default_rng(111), Workspace(duration=2.0)
+    for _ in range(3):
+        target = world.pose[:3]
+        world.execute(space.random(rng, None, target).trajectory(target))
+    check_mistakes(world.measurements, Scene())

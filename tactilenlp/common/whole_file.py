@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import tempfile
 from contextlib import contextmanager, suppress
@@ -11,6 +12,7 @@ from pathlib import Path
 from ..errors import FileError, NoFileError, WriteError, did_you_mean
 from .validation import check_path
 
+MIN_FREE_SPACE = 10e6  # [bytes] where a result is to be saved
 SHOWN = 60  # characters of a name that a temporary file repeats
 
 
@@ -124,3 +126,22 @@ def _mode(path: Path) -> int:
     mask = os.umask(0)  # cannot be read without being set
     os.umask(mask)
     return 0o666 & ~mask
+
+
+def check_file(file, where: str) -> None:
+    """Raise FileError unless this file can be written: its folder, and some space."""
+    check_folder(file, where)
+    folder = Path(file).absolute().parent
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            free = shutil.disk_usage(folder).free
+    except OSError as bad:
+        raise FileError(
+            "cannot be written", where=where, got=f"{type(bad).__name__}: {bad}",
+            expected="a folder in which files can be made", next="write elsewhere",
+        ) from bad  # fmt: skip
+    if free < MIN_FREE_SPACE:
+        raise FileError(
+            "too little space", where=where, got=f"{free / 1e6:.1f} MB",
+            expected=f"{MIN_FREE_SPACE / 1e6:.0f} MB or more", next="write elsewhere",
+        )  # fmt: skip

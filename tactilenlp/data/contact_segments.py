@@ -23,6 +23,7 @@ REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 STANDING = 0.05e-3  # [m] a finger that moves less in a sample is not approaching
 NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that turned
 NOISE_SIGMAS = 3.5  # [sigma] largest difference of means of one segment
+PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 SIDE_NORMAL = 0.7  # [-] |n_z| below which a normal belongs to a side
 
 
@@ -38,6 +39,19 @@ def intervals(data: Measurements) -> np.ndarray:
         rows = data.action == action
         out[rows] = np.median(np.diff(data.time[rows])) if rows.sum() > 1 else data.dt
     return out
+
+
+def tracked_samples(data: Measurements) -> np.ndarray:
+    """Return the samples that are tracked: of every action, about PERIOD apart.
+
+    The last one of each is among them.
+    """
+    step, chosen = intervals(data), []
+    for action in np.unique(data.action):
+        rows = np.flatnonzero(data.action == action)
+        stride = max(1, round(PERIOD / step[rows[0]]))
+        chosen.append(rows[::-1][::stride][::-1])
+    return np.concatenate(chosen)
 
 
 def consecutive_contacts(data) -> np.ndarray:

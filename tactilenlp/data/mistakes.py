@@ -21,6 +21,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from ..errors import MistakeError
+from .contact_segments import tracked_samples
 from .measurements import Measurements
 from .plausibility import jumps_of, log_likelihood, most_log_likelihood
 from .scene import Scene
@@ -117,11 +118,11 @@ def most_likely(
 
 def record_of(data: Measurements, scene: Scene) -> Record:
     """Return the first actions of the measurements as the check takes them."""
-    stop = data.samples
-    if stop > MOST_SAMPLES:  # whole actions, unless the first is longer
-        begins = np.searchsorted(data.action, data.action[MOST_SAMPLES])
-        stop = int(begins) or MOST_SAMPLES
-    rows = slice(stop)
+    rows = tracked_samples(data)  # what is counted below are samples of 30 Hz
+    if len(rows) > MOST_SAMPLES:  # whole actions, unless the first is longer
+        action = data.action[rows]
+        begins = np.searchsorted(action, action[MOST_SAMPLES])
+        rows = rows[: int(begins) or MOST_SAMPLES]
     precision = precision_of(data, scene)
     return Record(
         position=data.finger_position[rows], normal=data.normal[rows],

@@ -1,6 +1,6 @@
 """Coarse to fine in time: above 45 Hz a recording is first estimated at about 30 Hz.
 
-Search and model selection run at that rate only (1 / tracking.PERIOD): they take
+Search and model selection run at that rate only (1 / PERIOD): they take
 hundreds of iterations and need no more samples, and errors of the model last longer
 than a sample, so that more samples of a touch are no more evidence for a larger model.
 The optima, interpolated linearly, start the solve of all samples, which takes tens of
@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from ..certificates.certify import certify
+from ..data.contact_segments import tracked_samples
 from ..data.measurements import Measurements
 from ..errors import NoContactError
 from ..geometry.transforms import is_planar
@@ -28,7 +29,6 @@ from ..refinement.nested_models import NUISANCES
 from ..refinement.refinement import from_scratch
 from ..refinement.sensor_lags import with_lags
 from ..search.multistart import multistart
-from ..tracking.tracking import tracked_samples
 from .initial_search import REFINEMENT_END
 from .interrupted import Incumbents
 from .optima import OTHER_SOLVES, Optima, certify_best, optima_of
@@ -43,8 +43,7 @@ def coarse_rows(request: Request) -> np.ndarray | None:
     None as well where poses are given, or no touch lasts at the lower rate.
     """
     data = request.job.data
-    each = (np.flatnonzero(data.action == a) for a in np.unique(data.action))
-    rows = np.concatenate([tracked_samples(data, samples) for samples in each])
+    rows = tracked_samples(data)
     if len(rows) == data.samples or request.job.search.hypothesis is not None:
         return None
     try:

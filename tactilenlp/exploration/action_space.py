@@ -87,6 +87,9 @@ class Workspace:
         if self.bound > np.pi / 2:
             fix = "convert degrees by numpy.radians"
             raise _option_error("bound", "at most pi / 2 [rad]", self.bound, fix)
+        if self.duration < 1 / POINT_RATE:
+            least = f"at least {1 / POINT_RATE} s"
+            raise _option_error("duration", least, self.duration)
         if self.radius > MAX_RADIUS:
             fix = "divide by 1000 if these are millimetres"
             raise _option_error(
@@ -170,8 +173,8 @@ class Workspace:
         return middle + away * np.stack(outward, axis=1)
 
     def blocked(self, way: np.ndarray) -> bool:
-        """Tell whether a finger that moves meets an obstacle; way: (n, F, 3) [m]."""
-        way = way[:, np.ptp(way, axis=0).any(axis=1), None]
+        """Tell whether a finger, parked or not, meets an obstacle; way (n, F, 3)."""
+        way = way[:, :, None]
         low, high = np.reshape(self.obstacles, (-1, 2, 3)).swapaxes(0, 1)
         away = np.linalg.norm(way - np.clip(way, low, high), axis=-1)
         return bool((away < self.finger_radius).any())

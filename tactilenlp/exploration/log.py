@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-import shutil
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 
 from ..common.brief import printed, same_content
 from ..common.npz import read_result, write_result
 from ..common.validation import check_types
-from ..common.whole_file import check_folder
 from ..data.measurements import Measurements
-from ..errors import FileError, StartError, typed_call
+from ..errors import StartError, typed_call
 from ..interface.result import ESTIMATE_CLASSES, Estimate
 from .action_search import Choice
 from .action_space import Action, Trajectory, Workspace
@@ -23,7 +19,6 @@ from .action_space import Action, Trajectory, Workspace
 FORMAT, VERSION = "exploration", 1  # of the files
 ROUNDING = 1e-9  # [s] of times that were shifted
 RESUMED_AFTER = 1.0  # [s] between samples of two processes
-MIN_FREE_SPACE = 10e6  # [bytes] where an exploration is to be saved
 
 
 @printed
@@ -151,25 +146,6 @@ def continued_in_time(step: Step, past: Measurements | None, again: bool) -> Ste
         joined = past.append(data)
         data = replace(data, action=joined.action[past.samples :])
     return replace(step, measurements=data)
-
-
-def check_file(file) -> None:
-    """Raise FileError unless an exploration can be saved in this file."""
-    check_folder(file, str(file))
-    folder = Path(file).absolute().parent
-    try:
-        with TemporaryFile(dir=folder):
-            free = shutil.disk_usage(folder).free
-    except OSError as bad:
-        raise FileError(
-            "cannot be written", where=str(file), got=f"{type(bad).__name__}: {bad}",
-            expected="a folder in which files can be made", next="write elsewhere",
-        ) from bad  # fmt: skip
-    if free < MIN_FREE_SPACE:
-        raise FileError(
-            "too little space", where=str(file), got=f"{free / 1e6:.1f} MB",
-            expected=f"{MIN_FREE_SPACE / 1e6:.0f} MB or more", next="write elsewhere",
-        )  # fmt: skip
 
 
 def load_or_new(file) -> Exploration:

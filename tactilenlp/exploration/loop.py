@@ -14,6 +14,7 @@ import numpy as np
 from ..common.file_lock import can_be_written, locked
 from ..common.progress import progress, wipe
 from ..common.validation import check_path, check_types
+from ..common.whole_file import check_file
 from ..data.scene import Scene
 from ..errors import OptionError, StartError
 from ..estimation.solver import solve_estimate
@@ -28,7 +29,6 @@ from .action_space import Workspace, workspace_of
 from .log import (
     Exploration,
     Step,
-    check_file,
     check_same,
     continued_in_time,
     load_or_new,
@@ -89,7 +89,7 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
     exploration, first = load_or_new(file), 0 if estimate is None else 1
     again = bool(exploration.steps) or estimate is not None
     radius = getattr(world, "finger_radius", None)
-    _check_fingers(radius, loop.space, exploration)
+    _check_fingers(radius, loop.space, exploration, estimate)
     check_workspace(loop.space, loop.same["scene"], radius)
     check_reach(world, loop.space, settings.centre, exploration.estimate or estimate)
     for number in progress(range(first, settings.actions + 1), "explore"):
@@ -158,7 +158,11 @@ class _Loop:
         began = time.process_time()
         estimate = self.solve(data, start=start)
         seconds = step.seconds | {"estimate": time.process_time() - began}
-        errors = errors_of(self.world, estimate)
+        try:
+            errors = errors_of(self.world, estimate)
+        except Exception:  # of the world's own code: the estimate is kept without them
+            log.exception("world.true_body failed: errors are not known")
+            errors = {}
         return replace(step, estimate=estimate, seconds=seconds, errors=errors)
 
 
@@ -170,7 +174,7 @@ def _loop_of(world, scene, settings: ExploreOptions, file, start, executor) -> _
     if file is not None:
         check_path(file)
         if world is not None:
-            check_file(file)
+            check_file(file, str(file))
     several = classes_of(settings.shape)
     readings = [
         checked_request(scene, one, settings.formulation, settings.options, executor)
@@ -194,25 +198,28 @@ def _loop_of(world, scene, settings: ExploreOptions, file, start, executor) -> _
     return _Loop(world, space, settings, classes, solve, same)
 
 
-def _check_fingers(radius, space: Workspace, exploration: Exploration) -> None:
-    """Raise unless a world's fingers are those of workspace and saved measurements.
+def _check_fingers(radius, space: Workspace, exploration: Exploration, start) -> None:
+    """Raise unless a world's fingers are those of workspace and earlier measurements.
 
-    radius [m]: of the world's, a number or (F,); None: it does not tell.
+    radius [m]: of the world's, a number or (F,); None: it does not tell; start: an
+    Estimate, or None.
     """
-    if radius is None:
-        return
     if np.ndim(radius) and len(radius) != space.fingers:
         raise OptionError(
             "another number of fingers", where="workspace.fingers", got=space.fingers,
             expected=f"{len(radius)}, as the world has",
         )  # fmt: skip
-    for step in exploration.steps:
-        saved = step.measurements.finger_radius
-        if len(saved) != space.fingers or not np.all(saved == radius):
+    earlier = [(f"step {s.number}", s.measurements) for s in exploration.steps]
+    if start is not None:
+        earlier.append(("start", start.measurements))
+    for where, data in earlier:
+        told = data.finger_radius if radius is None else radius
+        if data.fingers != space.fingers or not np.all(data.finger_radius == told):
             raise StartError(
-                "saved measurements of other fingers", where=f"step {step.number}",
-                got=f"finger_radius {saved.tolist()}", expected=f"{radius} [m]",
-                next="explore into another file",
+                "saved measurements of other fingers", where=where,
+                got=f"finger_radius {data.finger_radius.tolist()}",
+                expected=f"{space.fingers} fingers, {told} [m]",
+                next="explore into another file, or from the first touch",
             )  # fmt: skip
 
 

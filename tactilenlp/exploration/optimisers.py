@@ -203,7 +203,8 @@ def _run(objective: Objective, optimiser, start, spared: int, seed: int) -> None
 def _cross_entropy(objective: Objective, search, rng) -> int:
     """Fit a Gaussian to the best samples, repeatedly (cross-entropy method).
 
-    Return the index of one of the best of the last iteration, drawn uniformly.
+    Return the index of one of the best of the last iteration, drawn uniformly; of the
+    best of all where each of these met an obstacle.
     """
     if search == "cem":
         iterations = max(1, min(CrossEntropy.iterations, objective.budget // 2))
@@ -221,4 +222,6 @@ def _cross_entropy(objective: Objective, search, rng) -> int:
         elite = first + np.argsort(objective.scores[first:])[::-1][: search.best]
         points = np.array(objective.tried)[elite]
         mean, spread = points.mean(axis=0), np.cov(points.T)
-    return int(rng.choice(elite))
+    scores = np.array(objective.scores)
+    free = elite[scores[elite] > WORST_GAIN]
+    return int(rng.choice(free) if len(free) else np.argmax(scores))

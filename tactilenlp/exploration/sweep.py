@@ -24,6 +24,7 @@ from .action_space import POINT_RATE, Trajectory, Workspace
 
 SWEEP_SPACING = 0.03  # [m] between lines: a 1 cm finger meets what is above 1 cm wide
 SEGMENT_LENGTH = 0.05  # [m] of one motion: a touched object is not pushed farther
+OVERLAP = 0.01  # [m] of two motions: one may end as it touches, in its last sample
 SWEEP_LIFT = 0.005  # [m] of the fingertip above its least height
 AIM_HEIGHT = 0.02  # [m] from the ground, where the centre has no third coordinate
 log = logging.getLogger("tactilenlp")
@@ -65,7 +66,8 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     for line, y in enumerate(offsets):  # from the middle one outwards
         along = ends if line % 2 == 0 else ends[::-1]
         for a, b in pairwise(along):
-            x = a + (b - a) * share
+            begin = a if a == along[0] else a - OVERLAP * np.sign(b - a)
+            x = begin + (b - begin) * share
             line_y, line_z = np.full_like(x, middle[1] + y), np.full_like(x, height)
             way = np.hstack([middle[0] + x, line_y, line_z])
             position = np.repeat(way[:, None], space.fingers, axis=1)

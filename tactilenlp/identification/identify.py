@@ -191,6 +191,11 @@ def _check(trajectories, scene, shape, gauge, options, time_limit) -> None:
             "nothing to fall on", where="scene.ground", got="None",
             expected="Ground(height=..., normal=...)",
         )  # fmt: skip
+    if scene.gravity == 0:
+        raise SceneError(
+            "a body that falls is identified by its weight", where="scene.gravity",
+            got="0", expected="above 0 m/s^2",
+        )  # fmt: skip
 
 
 def _too_deep(steps, values, signs) -> np.ndarray:

@@ -28,9 +28,17 @@ UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
 
 
 def continues(start, job: Job) -> bool:
-    """Tell whether a start is an estimate of the page of a job."""
+    """Tell whether a start is an estimate of the page of a job, of the same contacts."""
     good = isinstance(start, Estimate) and start.success
-    return good and start.formulation == name_of(job.page)
+    good = good and start.formulation == name_of(job.page)
+    return good and _contacts(start.scene) == _contacts(job.scene)
+
+
+def _contacts(scene) -> tuple[bool, ...]:
+    """Return whether there is a ground, and which contacts have no friction."""
+    return (
+        scene.ground is None, scene.friction_ground == 0, scene.friction_finger == 0
+    )  # fmt: skip
 
 
 def update_limit(start, new_actions: int) -> float:

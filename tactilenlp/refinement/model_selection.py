@@ -103,6 +103,11 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
             estimate = solver.of_class(shape, left, own_start, to_beat)
             to_beat = min(to_beat, _good_objective(estimate))
             estimates[i] = evidence_of(estimate, shape), estimate
+        except Interrupted as stop:
+            if estimates and stop.estimate is None:
+                words = f"stopped by Ctrl-C: {len(estimates)} classes were compared"
+                raise Interrupted(words, _best_of(estimates)) from stop
+            raise
         except PageError:
             raise
         except TactileError as error:
@@ -111,9 +116,15 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
         raise next(iter(errors.values()))
     estimates |= _likelier_from_best(classes, solver, options, deadline, estimates)
     failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
-    _, best = max(estimates.values(), key=lambda one: one[0])
+    best = _best_of(estimates)
     seconds = best.seconds | {"total": time.process_time() - began}
     return replace(best, seconds=seconds, classes=odds_of(estimates.values(), failed))
+
+
+def _best_of(estimates: dict) -> Estimate:
+    """Return the estimate of the largest evidence, of equal ones the lowest cost."""
+    best = max(estimates.values(), key=lambda one: (one[0], -one[1].objective))
+    return best[1]
 
 
 def _good_objective(estimate) -> float:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.contact_segments import intervals
+from ..data.contact_segments import tracked_samples
 from .filter_steps import corrections, prediction
 from .process_noise import (
     ADDED_VARIANCE,
@@ -29,7 +29,6 @@ from .process_noise import (
 from .tracks import KalmanFilter, SmootherStep, Tracks, split_tracks, surviving
 
 PASSES = 2  # of the iterated filter
-PERIOD = 1 / 30  # [s] of tracked samples: process noise and slopes are of such steps
 STOPPED = 1e-6  # [m] in a step: a body that moves less has stopped
 LONGEST_UPDATE = 8e-3, 8e-3, 0.3  # [m, m, rad] a pass: of sizes, place, yaw
 
@@ -74,21 +73,13 @@ def _selected(ekf, tracks, t, ends: bool, rng):
     return (tracks if rows is None else tracks.pick(rows)), rows
 
 
-def tracked_samples(data, samples) -> np.ndarray:
-    """Return the samples of an action that are tracked, about PERIOD apart.
-
-    samples: of the action; the last one is among them.
-    """
-    stride = max(1, round(PERIOD / intervals(data)[samples[0]]))
-    return samples[::-1][::stride][::-1]
-
-
 def _steps(data, samples) -> list[tuple[int, int]]:
     """Return pairs of tracked samples of an action, about PERIOD apart, ends included.
 
     The first pair is the sample before the action and its first one.
     """
-    chosen = tracked_samples(data, samples)
+    chosen = tracked_samples(data)
+    chosen = chosen[np.isin(chosen, samples)]
     if chosen[0] != samples[0]:
         chosen = np.r_[samples[0], chosen]
     return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))
