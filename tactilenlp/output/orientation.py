@@ -8,6 +8,7 @@ from ..data.ground import frame_of
 from ..geometry.faces import is_hull
 
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
+STEEP = np.sqrt(0.5)  # [-] sine of the slope beyond which an axis is on end
 
 
 def orientation_of(estimate) -> str:
@@ -18,16 +19,30 @@ def orientation_of(estimate) -> str:
     if off > UNOBSERVED_TURN:
         return "orientation not observed"
     axis = "the vertical" if is_level(estimate) else "the ground's normal"
-    return f"turned by {yaw:.2f} ± {off:.2f} deg about {axis}"
+    end = ", its x axis on end" if stands_on_x(_in_ground(estimate)) else ""
+    return f"turned by {yaw:.2f} ± {off:.2f} deg about {axis}{end}"
 
 
 def yaw_of(estimate) -> float:
     """Return the turn about the ground's normal at the last sample [rad].
 
     Of the body's x axis from that of the ground frame, the world's on level ground.
+    Where x is on end and has no heading, that of where x was before the body tipped
+    over its y axis: of z if x points down, of -z if it points up.
     """
-    x, y, _ = frame_of(estimate.scene.ground).rotation @ estimate.rotation()[:, 0]
-    return float(np.arctan2(y, x))
+    R = _in_ground(estimate)
+    heading = -np.sign(R[2, 0]) * R[:, 2] if stands_on_x(R) else R[:, 0]
+    return float(np.arctan2(heading[1], heading[0]))
+
+
+def stands_on_x(R) -> bool:
+    """Tell whether the x axis of a body of rotation R is steeper than 45 degrees."""
+    return abs(R[2, 0]) > STEEP
+
+
+def _in_ground(estimate) -> np.ndarray:
+    """Return the last rotation (3, 3) from the body to the frame of the ground."""
+    return frame_of(estimate.scene.ground).rotation @ estimate.rotation()
 
 
 def sigma_of_yaw(estimate) -> float:
