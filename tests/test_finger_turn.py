@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from formulations.finger_turn import turned_back
 from formulations.names import FINGER_TURN
 from tactilenlp import Estimate, Ground, cuboid_errors, solve_estimate
+from tactilenlp.geometry.faces import KNOWN_FACE, touched_faces
 
 TURNS = np.radians([[1.0, -2.0, 1.5], [-3.0, 1.0, -1.0]])  # of two fingers
 
@@ -91,6 +92,23 @@ def test_turns_that_all_sensors_have_in_common_are_a_tilt_of_the_ground(
     known = estimate.information.sigma("side_lengths") < 0.3e-3
     sides = np.sort(found.side_lengths) - np.sort(estimate.side_lengths)
     assert np.abs(sides[known[np.argsort(estimate.side_lengths)]]).max() < 0.2e-3
+
+
+def test_touches_of_a_turned_sensor_are_of_the_faces_that_it_felt(estimate):
+    """And are drawn there: turns that were found are taken back from what is felt."""
+    turns = np.radians([[0.0, 0.0, 10.0], [12.0, 0.0, 0.0]])
+    data = askew(estimate.measurements, turns)
+    found = replace(
+        estimate, measurements=data,
+        unknowns=estimate.unknowns | {FINGER_TURN: turns.T},
+    )  # fmt: skip
+    q = estimate.quaternion
+    told = touched_faces(estimate.measurements, q)
+    assert told.max() >= KNOWN_FACE
+    assert touched_faces(data, q).sum() < told.sum() / 2
+    np.testing.assert_array_equal(touched_faces(data, q, turns=turns), told)
+    for one, other in zip(found.contacts(), estimate.contacts(), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
 
 
 def test_turns_are_in_the_frame_of_the_world(estimate):

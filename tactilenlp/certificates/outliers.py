@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from formulations.names import (
-    FINGER_TURN,
     INDENTATION,
     NORMAL_SCALE,
     TOUCH_SCALE,
@@ -27,7 +26,7 @@ from formulations.violation_implicit import TOUCH
 
 from ..data.contact_segments import SIDE_NORMAL
 from ..errors import MotionError
-from ..geometry.transforms import rotate_back
+from ..information.measurement_noise import aligned_normals
 from ..local.solved import Solved
 from ..problem.job import Job
 from ..problem.pages import page_of
@@ -70,9 +69,7 @@ def with_ideal_fingertips(solved: Solved) -> Window:
     """
     window, problem, solution = solved.window, solved.problem, solved.solution
     touch = window.touch
-    p_wf, n = touch.p_wf.copy(), touch.normal
-    if FINGER_TURN in solution.values:
-        n = rotate_back(n, solution.values[FINGER_TURN].T[touch.finger])
+    p_wf, n = touch.p_wf.copy(), aligned_normals(touch, solution.values)
     if INDENTATION in problem.reports:
         x, data = solution.at(problem)
         p_wf[:, :3] += problem.value(INDENTATION, x, data) * n

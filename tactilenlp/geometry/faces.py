@@ -11,7 +11,7 @@ from ..common.brief import printed
 from ..common.validation import check_types
 from ..errors import OptionError
 from .convex_hull import fingers_in_body
-from .transforms import directions_in_body, rotation_of
+from .transforms import directions_in_body, rotate_back, rotation_of
 
 KNOWN_FACE = 3  # contact samples that make a face known: fewer may be wrong booleans
 FACE_COSINE = 0.99  # [-] |n . axis| above which a normal belongs to a face
@@ -148,14 +148,16 @@ def is_hull(estimate) -> bool:
 # Which face a touch is of, by its normal alone, or by its place as well:
 
 
-def touched_faces(data, quaternion, normals=BOX_NORMALS) -> np.ndarray:
+def touched_faces(data, quaternion, normals=BOX_NORMALS, turns=None) -> np.ndarray:
     """Return how many samples touched each face, (...), of a box (3 axes, 2 sides).
 
-    quaternion (T, 4) wxyz, body to world; normals (..., 3): outward, body frame.  A
+    quaternion (T, 4) wxyz, body to world; normals (..., 3): outward, body frame; turns
+    (F, 3) [rad]: by which the fingers' normals are turned, None if they are not.  A
     touch is of every face with whose normal its own agrees by FACE_COSINE.
     """
     t, f = np.nonzero(data.contact)
-    n = rotation_of(quaternion[t]).inv().apply(data.normal[t, f])
+    n = data.normal[t, f] if turns is None else rotate_back(data.normal, turns)[t, f]
+    n = rotation_of(quaternion[t]).inv().apply(n)
     met = n @ normals.reshape(-1, 3).T > FACE_COSINE
     return np.count_nonzero(met, axis=0).reshape(normals.shape[:-1])
 

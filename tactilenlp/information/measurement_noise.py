@@ -245,11 +245,15 @@ def residual_of_normals(kkt: KKTSystem, window) -> float:
         return 0.0
     values = kkt.problem.unpack(kkt.x)
     normal = at_touches(window, values, touch.p_wf.T, window.finger.normal)
-    felt = touch.normal
-    if FINGER_TURN in values:
-        felt = rotate_back(felt, values[FINGER_TURN].T[touch.finger])
-    off = np.linalg.norm(normal - felt, axis=1)
+    off = np.linalg.norm(normal - aligned_normals(touch, values), axis=1)
     return float(np.median(off)) / RAYLEIGH_MEDIAN
+
+
+def aligned_normals(touch, values) -> np.ndarray:
+    """Return the felt normals (n, 3) as sensors that are not turned would tell them."""
+    if FINGER_TURN not in values:
+        return touch.normal
+    return rotate_back(touch.normal, values[FINGER_TURN].T[touch.finger])
 
 
 def at_touches(window, values, p_wf, of) -> np.ndarray:

@@ -28,6 +28,7 @@ from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.information import Information
 from ..information.laplace_approximation import information_of
 from ..information.linearisation import Linearisation
+from ..information.measurement_noise import aligned_normals
 from ..information.mixture import one_mode
 from ..information.tangent_space import widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
@@ -137,10 +138,13 @@ def read_hull(job, solved) -> dict:
     middle, R_wg = centroid(V), frame_of(job.scene.ground).rotation.T
     p, turn = hull_poses(job.scene, x, middle)
     vertices = (V - middle) @ R_wg.T
+    touch = solved.window.touch
+    normal = aligned_normals(touch, solved.solution.values)
+    felt = replace(solved.window, touch=replace(touch, normal=normal))
     # Faces of the vertices that the estimate has: which facets make one face, and the
     # order of faces, depend on the frame.
     outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
-    faces = touched_polygons(solved.window, V, outlines, x, job.precision.normal)
+    faces = touched_polygons(felt, V, outlines, x, job.precision.normal)
     q = quaternion_of(turn)
     return {"position": p, "quaternion": q, "body_vertices": vertices, "faces": faces}
 

@@ -27,7 +27,7 @@ from ..data.sensor_noise import (
 )
 from ..errors import TactileError
 from ..geometry.faces import SupportingPlanes, has_sides, is_hull, supporting_planes
-from ..geometry.transforms import rotation_of
+from ..geometry.transforms import rotate_back, rotation_of
 from ..information.goodness_of_fit import Fit, Misfit, TouchMisfit
 from ..information.information import Information
 from ..information.mixture import ClassOdds, Modes
@@ -168,6 +168,8 @@ class Estimate:
         data, late = self.measurements, self.latency
         seen = replace(data, finger_position=self.seen_positions)
         seen = with_sensors_earlier(seen, self.sensors)
+        if (turns := self.finger_turn) is not None:
+            seen = replace(seen, normal=rotate_back(seen.normal, turns))
         spheres = as_spheres(seen, self.scene)
         n_w = np.where(data.contact[..., None], seen.normal, np.nan)
         p_w = spheres.finger_position - data.finger_radius[:, None] * n_w

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from formulations.names import COMPLIANCE, FINGER_OFFSET
+from formulations.names import COMPLIANCE, FINGER_OFFSET, FINGER_TURN
 
 from ..common.deadline import NEVER, Deadline
 from ..data.ground import frame_of
@@ -168,7 +168,9 @@ class Solved:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
         at, window = self.at, self.window
         _, quaternion = poses(window.shape, window.motion, at.theta, at.x, None)
-        return touched_faces(self.job.data, quaternion)
+        turns = self.solution.values.get(FINGER_TURN)
+        turns = None if turns is None else turns.T
+        return touched_faces(self.job.data, quaternion, turns=turns)
 
     @property
     def at(self) -> Hypothesis:

@@ -69,7 +69,8 @@ def _touched(estimate, normals) -> np.ndarray:
     """Tell which faces were touched or lie on the ground, (faces,) bool."""
     scene, touches = estimate.scene, estimate.faces
     if touches.shape != normals.shape[:1]:  # not counted by the estimate
-        touches = touched_faces(estimate.measurements, estimate.quaternion, normals)
+        data, turns = estimate.measurements, estimate.finger_turn
+        touches = touched_faces(data, estimate.quaternion, normals, turns)
     # As many samples as make a face of a cuboid count as touched in its sigma.
     enough = KNOWN_FACE if is_box(estimate) else 1
     down = np.zeros(len(normals), bool)
