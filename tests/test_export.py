@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from formulations.names import CENTRE_OF_MASS
 from tactilenlp import Scene, export_shape, identify_body
 from tactilenlp.errors import OptionError, TactileError
 from tactilenlp.geometry.faces import face_sigma, polygons
@@ -103,6 +104,15 @@ def test_the_model_stands_where_the_estimate_ended_and_slips_as_it_did(
     )  # fmt: skip
     export_shape(unknown, tmp_path / "box.urdf")
     assert '<lateral_friction value="0.27"' in (tmp_path / "box.urdf").read_text()
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".urdf"])
+def test_a_body_is_heavy_where_its_centre_of_mass_was_found(estimate, tmp_path, suffix):
+    off, path = np.array([[4e-3], [-2e-3], [-6e-3]]), tmp_path / f"loaded{suffix}"
+    found = replace(estimate, unknowns=estimate.unknowns | {CENTRE_OF_MASS: off})
+    export_shape(found, path)
+    body = mujoco.MjSpec.from_file(str(path)).bodies[1]
+    np.testing.assert_allclose(body.ipos, off[:, 0], atol=1e-12)
 
 
 def test_an_identified_body_keeps_its_own_inertia(cube, tmp_path):

@@ -28,8 +28,8 @@ def export_shape(estimate, path: str | os.PathLike) -> None:
     colours from blue (standard deviation of 10 mm) to red (0.1 mm).  .xml: MJCF, one
     free body with mass, inertia and friction.  .urdf: one link; any shape but a box is
     written as an .stl beside it, and friction is in the `contact` element that Bullet
-    reads.  The origin is that of the body frame; the inertia is that of a uniform body,
-    for a Body the identified one.
+    reads.  The origin is that of the body frame.  The centre of mass is the estimated
+    one; the inertia about it is that of a uniform body, for a Body the identified one.
 
     Raises OptionError for another suffix.
     """
@@ -146,8 +146,10 @@ def _box(estimate) -> np.ndarray | None:
 def _physics(estimate) -> tuple:
     """Return mass [kg], centre of mass (3,) [m], inertia about it, and friction.
 
-    inertia (3, 3) [kg m^2]: of a uniform body, of a Body the identified one, about its
-    origin; friction [1] with the ground: known or estimated, else 0.
+    inertia (3, 3) [kg m^2]: of a Body the identified one, about its origin; of an
+    Estimate that of a uniform body about its centroid, taken about the centre of mass
+    also where this was found elsewhere, as the pages take it; friction [1] with the
+    ground: known or estimated, else 0.
     """
     if hasattr(estimate, "inertia"):
         inertia, friction = np.diag(estimate.inertia), float(estimate.friction)
@@ -159,7 +161,8 @@ def _physics(estimate) -> tuple:
     friction = estimate.scene.friction_ground
     if friction is None:
         friction = np.ravel(estimate.unknowns.get(GROUND_FRICTION, 0.0))[0]
-    return float(mass), solid.center_mass, inertia, float(friction)
+    centre = solid.center_mass + estimate.centre_of_mass
+    return float(mass), centre, inertia, float(friction)
 
 
 def _text(numbers) -> str:
