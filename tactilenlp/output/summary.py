@@ -260,12 +260,9 @@ def whole_percentages(probabilities) -> list[int]:
 
 def _compliance(estimate) -> str:
     """Return a sentence on how soft the fingertips are."""
-    weight = estimate.scene.mass * G
-    depth = MM_PER_M * estimate.compliance * weight
-    words = (
-        f"Fingertips are soft: they yield {depth:.2f} mm under the object's weight "
-        f"({weight:.1f} N)"
-    )
+    force = estimate.scene.mass * G  # [N] the weight of the object on Earth
+    depth = MM_PER_M * estimate.compliance * force
+    words = f"Fingertips are soft: they yield {depth:.2f} mm under {force:.1f} N"
     radius = MM_PER_M * estimate.measurements.finger_radius.min()
     if depth < radius:
         return f"{words}."
