@@ -51,6 +51,7 @@ class Robot:
             "actions are not predicted",
         ),
         ({"shape": MASSLESS}, OptionError, "actions are not predicted"),
+        ({"shape": ["cuboid", MASSLESS]}, OptionError, "actions are not predicted"),
         ({"scene": LONG, "shape": "polytope", "actions": 0}, SceneError, "round"),
     ],
 )

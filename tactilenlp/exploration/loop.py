@@ -185,7 +185,7 @@ def _loop_of(world, scene, settings: ExploreOptions, file, start, executor) -> _
     if several and isinstance(start, Estimate):
         shape = shape_of_start(start, classes)
     check_start(start, shape, scene)
-    check_predicted(settings.policy, settings.actions, start, shape, scene)
+    check_predicted(settings.policy, settings.actions, start, classes, scene)
     solve = partial(
         solve_estimate, scene=scene, shape=several or shape, options=options,
         formulation=settings.formulation, executor=executor, throw=False,

@@ -57,19 +57,20 @@ def check_policy(policy) -> None:
         check_one_of("policy", policy, POLICIES, what, unit=also)
 
 
-def check_predicted(policy, actions, start, shape, scene) -> None:
+def check_predicted(policy, actions, start, shapes, scene) -> None:
     """Raise SceneError or OptionError if a policy needs predictions that do not exist.
 
     The first action is chosen with the scene and shape of the start, if that is an
-    Estimate; the others with those of the exploration.
+    Estimate; the others with those of the exploration, whose shapes are all possible.
     """
     started = isinstance(start, Estimate)
     if policy not in PREDICTIVE:
         return
     if started and actions:
-        check_predictable(start.scene, shape_of_start(start, [shape]))
+        check_predictable(start.scene, shape_of_start(start, shapes))
     if actions > started:
-        check_predictable(scene, shape)
+        for shape in shapes:
+            check_predictable(scene, shape)
 
 
 def shape_of_start(estimate, shapes) -> Shape:
