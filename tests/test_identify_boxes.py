@@ -22,6 +22,8 @@ SCENE = Scene(mass=MASS)
 
 boxes = benchmark("tossed_boxes")  # in MuJoCo, whose ground is soft
 
+NO_HEIGHTS = {"on the surface": 0.0, "not below": 0.0}
+
 
 def test_heights_of_the_origin_tell_the_half_widths_it_rested_on(boxes):
     half, _, _ = boxes.drawn_box(7)
@@ -53,6 +55,20 @@ def test_a_fit_far_beyond_its_spread_is_bad_and_widens():
     assert "not to be trusted" in fit.text
     mild = fit_of(costs | {"not below": 20.0}, steps=100)
     assert mild.verdict == "good"
+
+
+def test_a_fit_is_not_good_where_any_term_is_beyond_its_own_limit():
+    """Also where another term is further off in its spreads, within its limit."""
+    steps = 100
+    balance, heights = fit_of({"balance": 0.0} | NO_HEIGHTS, steps).terms.values()
+    within = balance.expected + 0.99 * balance.limit
+    beyond = heights.expected + 1.01 * heights.limit
+    costs = {"balance": within, "on the surface": beyond, "not below": 0.0}
+    fit = fit_of(costs, steps)
+    assert fit.verdict == "poor"
+    assert fit.widening > 1
+    assert "the height of the corners costs" in fit.text
+    assert fit_of(costs | NO_HEIGHTS, steps).verdict == "good"
 
 
 def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.brief import printed
-from ..information.goodness_of_fit import MARGIN, Misfit, verdict_of
+from ..information.goodness_of_fit import Misfit, verdict_of
 from ..solvers.solution import violation_in_words
 
 UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 STEP_MEAN, STEP_SPREAD = 2.24, 1.05  # [nats] of the pseudo-Huber cost of chi-square(6)
 TOUCH_MEAN, TOUCH_SPREAD = 0.5, 0.71  # [nats] of half a chi-square(1)
+VERDICTS = ("good", "poor", "bad")  # on a term, the worst one last
 SURFACE_TERMS = ("on the surface", "not below")
 
 
@@ -142,9 +143,9 @@ def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
         "the momentum balance": _misfit(balance, steps, STEP_MEAN, STEP_SPREAD),
         "the height of the corners": _misfit(heights, steps, TOUCH_MEAN, TOUCH_SPREAD),
     }
-    worst = max(terms.values(), key=_excess)
-    verdict, widening = verdict_of(worst)
-    return BodyFit(verdict, terms, widening)
+    each = (verdict_of(term) for term in terms.values())
+    verdicts, widenings = zip(*each, strict=True)
+    return BodyFit(max(verdicts, key=VERDICTS.index), terms, max(widenings))
 
 
 def _misfit(actual: float, count: int, mean: float, spread: float) -> Misfit:
@@ -153,8 +154,8 @@ def _misfit(actual: float, count: int, mean: float, spread: float) -> Misfit:
 
 
 def _excess(misfit: Misfit) -> float:
-    """Return the excess in spreads."""
-    return misfit.excess / (misfit.spread + MARGIN)
+    """Return the excess over that up to which a fit is good."""
+    return misfit.excess / misfit.limit
 
 
 def corner_shift(corners: np.ndarray) -> np.ndarray:
