@@ -8,7 +8,7 @@ from ..data.ground import frame_of
 from ..geometry.faces import is_hull
 
 UNOBSERVED_TURN = 45.0  # [deg] of sigma beyond which a rotation is not observed
-STEEP = np.sqrt(0.5)  # [-] sine of the slope beyond which an axis is on end
+ON_END = np.sqrt(0.5)  # [-] sine of the slope beyond which an axis is on end
 
 
 def orientation_of(estimate) -> str:
@@ -37,7 +37,7 @@ def yaw_of(estimate) -> float:
 
 def stands_on_x(R) -> bool:
     """Tell whether the x axis of a body of rotation R is steeper than 45 degrees."""
-    return abs(R[2, 0]) > STEEP
+    return abs(R[2, 0]) > ON_END
 
 
 def _in_ground(estimate) -> np.ndarray:
