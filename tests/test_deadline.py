@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from formulations.shape import CUBOID
 from tactilenlp import Estimate, Measurements, Options, Scene, solve_estimate
 from tactilenlp.common.deadline import NEVER, Deadline, OutOfTime
 from tactilenlp.data.examples import example_recording
@@ -90,6 +91,10 @@ def test_what_is_known_at_once_is_a_whole_estimate_with_the_sigma_of_the_prior(
     assert np.isfinite(estimate.vertices).all()
     known = estimate.information.sigma("position")
     assert known[:2].min() > 0.0999  # [m] around the touch
+    if given["shape"] == "cuboid":  # each at least as its prior at the mean of others
+        sizes = estimate.information.sigma("side_lengths")
+        least = np.sqrt(2) * CUBOID.size_prior[1]
+        assert (sizes > 0.999 * least).all()
     assert "no time to compute sigma" in estimate.summary()
     assert estimate.fit.verdict == "bad"  # what is the prior's is not multiplied
     assert estimate.fit.widening == 1.0

@@ -1,14 +1,16 @@
 """The reduced exact Hessian is the covariance of the estimator."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tactilenlp import Problem, observed_information
 from tactilenlp.errors import OptionError, TactileError
-from tactilenlp.information.tangent_space import unobserved
+from tactilenlp.information.tangent_space import known_faces, unobserved
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.solvers.options import SolverOptions
 from tactilenlp.solvers.solve import solve
@@ -135,12 +137,29 @@ def test_a_direction_that_nothing_sees_has_a_huge_variance_and_raises_nothing():
 
 
 def test_faces_that_were_never_touched_are_named():
-    assert unobserved(np.array([[5, 0], [0, 0], [9, 0]])) == (
+    assert unobserved(np.array([[5, 0], [0, 0], [9, 0]]) > 0) == (
         "side x: face +x never touched",
         "side y: neither face touched",
         "side z: top never touched",
     )
-    assert unobserved(np.array([[5, 3], [4, 8], [0, 4]])) == ()
+    assert unobserved(np.array([[5, 3], [4, 8], [9, 4]]) > 0) == ()
+
+
+def test_only_a_ground_makes_the_face_known_that_a_body_lies_on():
+    """Also where it was tipped: the faces that it stood on first and lies on last."""
+    tipped = Rotation.from_euler("y", 90, degrees=True).as_matrix()
+    tangent = SimpleNamespace(up=np.eye(3)[2], R_first=np.eye(3), R=tipped)
+    faces = np.array([[9, 0], [9, 9], [0, 9]])
+    known = known_faces(tangent, faces, grounded=True)
+    assert known.all()  # z at first, +x points down in the end
+    assert unobserved(known) == ()
+    afloat = known_faces(tangent, faces, grounded=False)
+    assert unobserved(afloat, upright=False) == (
+        "side x: face +x never touched",
+        "side z: face -z never touched",
+    )
+    assert unobserved(afloat)[1] == "side z: bottom never touched"
+    assert unobserved(np.zeros((3, 2), bool))[2] == "side z: neither face touched"
 
 
 def test_information_of_an_estimate_is_positive_and_speaks_of_all_it_names(estimate):

@@ -20,12 +20,12 @@ from tactilenlp import (
 )
 from tactilenlp.information.error_budget_terms import REACHED
 from tactilenlp.information.laplace_approximation import sizes_at_bounds
+from tactilenlp.information.tangent_space import prior_deviations
 from tactilenlp.nlp.kkt import kkt_system_of
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement.profile_deviation import VAGUE_SHARE
 from tactilenlp.refinement.profile_likelihood import (
     KNOWN_POSITION,
-    prior_deviations,
     touched_ends,
 )
 from tactilenlp.solvers.solve import solve

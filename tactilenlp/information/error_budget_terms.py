@@ -15,17 +15,15 @@ from formulations.names import BALL, FINGER, GROUND_GAP, RESPONSE
 from formulations.violation_implicit import BALANCE_SIGMA
 
 from ..geometry.convex_hull import SIGMA_INSIDE
-from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar, matrices, points_in_body, rotate_planar
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
 from .linearisation import ASSUMPTION_STEP, difference, kkt_residual
-from .tangent_space import rotations
+from .tangent_space import known_faces, rotations
 
 GIVEN_FRICTION_ERROR = 0.1  # [-] relative deviation of a coefficient
 UNEVEN = 1.0  # [REST] deviation of a corner from the hard ground
 UNTOUCHED_FACTOR = 2.0  # [position noise] of a face that only physics determines
 TUMBLED = 0.1  # [size] the same where it follows from how the object tumbled
-VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 STICKING = 0.1  # [-] probability that a finger that seems to slide sticks
 MOVED_ON = 0.5  # [-] probability that a body moves on that was not seen to
 AHEAD = 0.3  # [-] deviation of a way that nothing has told yet
@@ -223,18 +221,14 @@ def untouched_faces(tangent, shape, faces, noise: float, grounded: bool) -> np.n
     whether a ground carries the body.
 
     What physics tells of them is not Gaussian: one optimum among others, and too small
-    rather than too large where finger paths are noisy.  The ground touches one at the
-    first and at the last sample.  A body without opposite faces has no such term.
+    rather than too large where finger paths are noisy.  A body without opposite faces
+    has no such term.
     """
     n, k = shape.theta, len(tangent.z)
     total = np.zeros((k, k))
     if not shape.faced:
         return total
-    ends = np.asarray(faces) >= KNOWN_FACE
-    for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():
-        down = np.argmax(np.abs(lean))
-        ends[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
-    for axis, (low, high) in enumerate(ends):
+    for axis, (low, high) in enumerate(known_faces(tangent, faces, grounded)):
         if low and high:
             continue
         way = np.zeros(k)

@@ -19,7 +19,7 @@ from .error_budget_terms import beyond_mixture
 from .information import LEAST_DEVIATION, Information
 from .linearisation import Linearisation, Response
 from .mixture import LocalOptimum, bounded, distinct_modes, laplace_mixture, one_mode
-from .tangent_space import inverse, open_directions, slope_of_centroid
+from .tangent_space import inverse, known_faces, open_directions, slope_of_centroid
 from .trajectory import (
     deviations_of_path,
     fields_of_offsets,
@@ -78,7 +78,8 @@ def _of_sizes(response: Response, solved: Solved, faces, others) -> tuple:
     errors, more = modes.of_mixture(errors) | beyond, sum(beyond.values())
     path = deviations_of_path(linearisation, tangent, modes, optima, more)
     covariance, errors = bounded(errors, modes.covariance + more, shape)
-    words, directions = open_directions(tangent, covariance, shape, faces)
+    known = known_faces(tangent, faces, solved.job.scene.ground is not None)
+    words, directions = open_directions(tangent, covariance, shape, known)
     words += tuple(
         f"{name}: at its bound" for name in np.array(shape.names)[at_bounds > 0]
     )

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from formulations.sensing import FREEDOM
+
 from ..geometry.convex_hull import centroid
 from ..geometry.faces import KNOWN_FACE
 
@@ -21,6 +23,7 @@ UNKNOWNS = {  # the words for the unknowns of a pose, by motion
     "free": tuple(f"{what} {w}" for what in ("position", "rotation") for w in AXES),
 }
 
+VERTICAL = 0.99  # [-] cosine between the vertical and the axis of a face on the ground
 KNOWN_SIZE = 0.1  # [prior deviations] a size with a smaller deviation is observed
 OPEN_POSITION = 0.05  # [m] a position with a larger deviation is not observed
 LEAST_SIGMA = 1e-12  # [SI] a deviation below which a number is known exactly
@@ -176,8 +179,35 @@ def widest_deviations(shape, k: int, place: float, turn: float) -> np.ndarray:
     return sigma
 
 
-def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
-    """Return words and unit vectors (k, r) for what only the prior determines."""
+def prior_deviations(shape, theta) -> np.ndarray:
+    """Return the standard deviations (n,) of the prior of each size at the others.
+
+    Of one size, the prior is Student's t of FREEDOM - 1 + n degrees of freedom.
+    """
+    mean, deviation = (np.broadcast_to(v, shape.theta) for v in shape.size_prior)
+    n, square = shape.theta, ((theta - mean) / deviation) ** 2
+    others = square.sum() - square
+    return deviation * np.sqrt((FREEDOM + n + others) / (FREEDOM + n - 3))
+
+
+def known_faces(tangent, faces, grounded: bool) -> np.ndarray:
+    """Tell which faces (axes, 2) of a body touches or the ground make known.
+
+    faces: samples that touched each; grounded: whether a ground carries the body, which
+    touches one face at the first and at the last sample.
+    """
+    known = np.asarray(faces) >= KNOWN_FACE
+    for lean in tangent.up @ [tangent.R_first, tangent.R] if grounded else ():
+        down = np.argmax(np.abs(lean))
+        known[down, 0 if lean[down] > 0 else 1] |= abs(lean[down]) > VERTICAL
+    return known
+
+
+def open_directions(tangent, C, shape, known) -> tuple[tuple, np.ndarray]:
+    """Return words and unit vectors (k, r) for what only the prior determines.
+
+    known: see known_faces.
+    """
     n = shape.theta
     prior = widest_deviations(shape, len(C), OPEN_POSITION, OPEN_ROTATION)
     values, vectors = np.linalg.eigh(C / np.outer(prior, prior))
@@ -189,7 +219,8 @@ def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
     off = deviation[:n] / shape.size_prior[1]
     pose = np.linalg.norm(np.nan_to_num(turn)), np.linalg.norm(way)
     if shape.faced:
-        return unobserved(faces, off, *pose), directions
+        upright = bool(tangent.up @ tangent.R[:, 2] > VERTICAL)
+        return unobserved(known, off, *pose, upright), directions
     sizes = tuple(
         f"{name}: touches leave it open"
         for name in np.array(shape.names)[off > KNOWN_SIZE]
@@ -198,26 +229,25 @@ def open_directions(tangent, C, shape, faces) -> tuple[tuple, np.ndarray]:
     return (*sizes, *unobserved((), None, heading, pose[1])), directions
 
 
-def unobserved(faces, sides=None, turn=0.0, way=0.0) -> tuple[str, ...]:
+def unobserved(known, sides=None, turn=0.0, way=0.0, upright=True) -> tuple[str, ...]:
     """Name what touches do not determine.
 
-    faces (axes, 2): samples that touched each face; sides (axes,): sigma of each size
-    in deviations of its prior, small where edges or physics determine it; turn [rad]
-    and way [m]: sigma of rotation and position.
+    known (axes, 2): whether each face is; sides (axes,): sigma of each size in
+    deviations of its prior, small where edges or physics determine it; turn [rad] and
+    way [m]: sigma of rotation and position; upright: whether +z is the top.
     """
     words = []
-    for axis, (low, high) in enumerate(faces):
-        if sides is not None and sides[axis] < KNOWN_SIZE:
+    for axis, ends in enumerate(known):
+        if all(ends) or (sides is not None and sides[axis] < KNOWN_SIZE):
             continue
-        missing = [s for s, n in (("-", low), ("+", high)) if n < KNOWN_FACE]
-        if axis == 2:
-            if high < KNOWN_FACE:
-                words.append("side z: top never touched")
-        elif len(missing) == 2:
-            words.append(f"side {AXES[axis]}: neither face touched")
-        elif missing:
-            face = f"{missing[0]}{AXES[axis]}"
-            words.append(f"side {AXES[axis]}: face {face} never touched")
+        name = AXES[axis]
+        faces = f"face -{name}", f"face +{name}"
+        if upright and name == "z":
+            faces = "bottom", "top"
+        missing = "neither face"
+        if any(ends):
+            missing = f"{faces[int(ends[0])]} never"
+        words.append(f"side {name}: {missing} touched")
     if turn > OPEN_ROTATION:
         words.append(f"rotation: sigma above {np.degrees(OPEN_ROTATION):.0f} deg")
     if way > OPEN_POSITION:

@@ -30,7 +30,7 @@ from ..information.laplace_approximation import information_of
 from ..information.linearisation import Linearisation
 from ..information.measurement_noise import aligned_normals
 from ..information.mixture import one_mode
-from ..information.tangent_space import widest_deviations
+from ..information.tangent_space import prior_deviations, widest_deviations
 from ..information.trajectory import offsets_of, prior_of_offsets
 from ..problem.pages import name_of
 from ..problem.poses import poses
@@ -233,10 +233,13 @@ def information_of_prior(job, solved) -> Information:
     R_wg = frame_of(job.scene.ground).rotation.T
     solution, tangent = solved.solution, solved.tangent
     shape, k = solved.window.shape, len(tangent.names)
-    C = np.diag(widest_deviations(shape, k, REACHED, ANY_ROTATION) ** 2)
+    sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
     if shape.of_vertices:  # all of them may be elsewhere together
         along = np.tile(np.eye(3), (k // 3, 1))
-        C += REACHED**2 * along @ along.T
+        C = np.diag(sigma**2) + REACHED**2 * along @ along.T
+    else:  # the prior of sizes has heavier tails than its mode tells
+        sigma[: shape.theta] = prior_deviations(shape, solved.at.theta)
+        C = np.diag(sigma**2)
     matrix = np.linalg.inv(C)
     offsets = {}
     if FINGER_OFFSET in solved.problem.variables:

@@ -9,7 +9,7 @@ from scipy.spatial import HalfspaceIntersection
 
 from ..common.brief import MM_PER_M
 from ..geometry.faces import KNOWN_FACE, face_sigma, is_box, polygons, touched_faces
-from ..information.error_budget_terms import VERTICAL
+from ..information.tangent_space import VERTICAL
 
 MAX_DRAWN_SIGMA = 26e-3  # [m] of an unobserved face: the band stays within the margins
 MIN_DISTANCE_SHARE = 0.02  # [-] least distance of a drawn face over that estimated

@@ -34,14 +34,12 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from formulations.sensing import FREEDOM
 from formulations.size_prior import size_cost
 
 from ..data.contact_segments import felt_sides
 from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar
-from ..information.error_budget_terms import VERTICAL
-from ..information.tangent_space import final_unknowns
+from ..information.tangent_space import VERTICAL, final_unknowns, prior_deviations
 from ..local.levels import RANKING_TOLERANCE
 from ..local.margins import PROFILE_RISE
 from ..local.solved import Solved, settings_of
@@ -169,17 +167,6 @@ def faces_sigma(job, touched) -> float:
         FACES_DISTANCE,
         NOISE_FACTOR * job.precision.position * np.sqrt(np.sum(1 / touched)),
     )
-
-
-def prior_deviations(shape, theta) -> np.ndarray:
-    """Return the standard deviations (n,) of the prior of each size at the others.
-
-    Of one size, the prior is Student's t of FREEDOM - 1 + n degrees of freedom.
-    """
-    mean, deviation = (np.broadcast_to(v, shape.theta) for v in shape.size_prior)
-    n, square = shape.theta, ((theta - mean) / deviation) ** 2
-    others = square.sum() - square
-    return deviation * np.sqrt((FREEDOM + n + others) / (FREEDOM + n - 3))
 
 
 def prior_cost(shape, at: Hypothesis, axis: int) -> Callable:
