@@ -25,6 +25,7 @@ from tactilenlp.certificates import static_friction
 from tactilenlp.common.deadline import NEVER, Deadline
 from tactilenlp.errors import OptionError, SceneError, StartError
 from tactilenlp.geometry.convex_hull import nearest_points
+from tactilenlp.information.information import LEAST_DEVIATION
 from tactilenlp.interface.readout import information_in_time, read_hull
 from tactilenlp.interface.request import make_job
 from tactilenlp.local import local_solve
@@ -185,6 +186,19 @@ def test_fingers_push_where_they_touch_and_nowhere_else(slid, hull):
     carried = hull.impulses["ground"][:, 2] != 0
     assert carried.any()
     assert total[carried, 2] == pytest.approx(weight, rel=1e-3)
+
+
+def test_parts_of_the_information_add_up_where_no_bound_holds_a_vertex(hull):
+    """No part has what a bound holds: it is known far better than by all parts."""
+    information = hull.information
+    total, C = sum(information.parts.values()), np.linalg.inv(information.matrix)
+    sigma = np.sqrt(np.diag(C))
+    gap = (C @ (information.matrix - total) @ C) / np.outer(sigma, sigma)
+    held = sigma < 2 * LEAST_DEVIATION
+    assert held.any()
+    assert not held.all()
+    assert np.abs(gap[~held][:, ~held]).max() < 1e-2
+    assert (np.diag(total)[held] < np.diag(information.matrix)[held] / 2).all()
 
 
 def test_touched_faces_are_better_known_than_others(hull):

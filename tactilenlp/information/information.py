@@ -28,7 +28,10 @@ class Information:
     names: (k,) of the unknowns of `matrix`
     matrix: (k, k) information of these, SI
     covariance_matrix: (k, k) their covariance, SI
-    parts: (k, k) of each term, by name: they add up to `matrix`
+    parts: (k, k) of each term, by name: they add up to `matrix`, but for directions
+        that constraints or bounds alone hold, as hard dynamics hold a size together
+        with the pose (shooting, multiple_shooting), and bounds the vertices of a hull
+        on the ground: no part has what holds these, and shares mean nothing there
     roles: role of each term, by name
     modes: local optima with weights, the reported one first
     maps: (3, k) Jacobian of each quantity that a user asks for, by name; rows of NaN
