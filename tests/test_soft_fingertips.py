@@ -229,3 +229,13 @@ def test_pages_of_rigid_fingertips_refuse_a_compliance_that_is_told(
     with pytest.raises(SceneError, match=r"compliance.*violation_implicit"):
         solve_estimate(data, soft, formulation=formulation)
     read_request(data, replace(scene, compliance=0.0), "cuboid", formulation)
+
+
+@pytest.mark.parametrize("gravity", [9.81, 1.62])
+def test_softness_is_told_by_a_force_whatever_the_gravity(estimate, gravity):
+    found = replace(
+        estimate, scene=replace(estimate.scene, gravity=gravity),
+        unknowns=estimate.unknowns | {COMPLIANCE: np.array([[0.7e-3]])},
+    )  # fmt: skip
+    force = 0.7e-3 / found.compliance
+    assert f"they yield 0.70 mm under {force:.1f} N." in found.summary()
