@@ -48,6 +48,7 @@ def test_turns_of_the_sensors_are_found_and_the_box_is_as_before(
     data = data.select(np.unique(estimate.measurements.action))
     found = solve_estimate(askew(data, TURNS), scene)
     assert found.fit.verdict == "good"
+    assert (found.faces >= KNOWN_FACE).sum() == (estimate.faces >= KNOWN_FACE).sum()
     assert "normals are turned" in found.summary()
     # Turns of all sensors about the vertical turn the world: only the prior tells.
     off = found.finger_turn - TURNS

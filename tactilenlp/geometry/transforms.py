@@ -97,8 +97,9 @@ def directions_in_body(x, samples, a) -> np.ndarray:
 
 def rotate_back(a, w) -> np.ndarray:
     """Return directions a (..., 3) before they were turned by w (..., 3) [rad]."""
-    turn = Rotation.from_rotvec(np.broadcast_to(w, a.shape).reshape(-1, 3))
-    return turn.inv().apply(np.array(a).reshape(-1, 3)).reshape(a.shape)
+    a, w = np.array(a), np.broadcast_to(w, a.shape)
+    turn = Rotation.from_rotvec(np.array(w).reshape(-1, 3))
+    return turn.inv().apply(a.reshape(-1, 3)).reshape(a.shape)
 
 
 def points_in_body(x, samples, p_w) -> np.ndarray:
