@@ -157,3 +157,19 @@ def test_an_update_within_any_time_ends_as_an_estimate(recorded, estimate, limit
     )  # fmt: skip
     assert found.position.shape == (124, 3)
     assert np.isfinite(found.objective)
+
+
+@pytest.mark.parametrize("coefficient", ["friction_ground", "friction_finger"])
+def test_an_update_may_be_of_contacts_without_friction(recorded, estimate, coefficient):
+    """An impulse has one component then, not three: all actions are solved again."""
+    data, scene, _ = recorded
+    slippery = replace(scene, **{coefficient: 0.0})
+    given = {"start": estimate, "throw": False}
+    found = solve_estimate(data.select(range(4)), slippery, **given)
+    assert found.measurements.actions == 4
+    assert np.isfinite(found.objective)
+
+
+def test_the_reported_optimum_is_the_first_that_an_update_continues(estimate):
+    """By evidence it is the best, though others may have lower objectives."""
+    assert np.allclose(estimate.hypotheses[0].theta, estimate.theta, atol=1e-6)

@@ -5,7 +5,7 @@ import pytest
 
 from tactilenlp import Ground, Measurements, Options, Scene, Workspace, World, explore
 from tactilenlp.errors import NoContactError, SceneError
-from tactilenlp.exploration.sweep import AIM_HEIGHT, aim, sweep
+from tactilenlp.exploration.sweep import AIM_HEIGHT, aim, first_touch, sweep
 
 
 def test_without_a_centre_the_workspace_is_swept_until_something_is_touched():
@@ -90,3 +90,20 @@ def test_a_first_touch_aims_at_a_place_on_the_ground_wherever_that_is(ground):
 def test_a_place_in_x_and_y_is_none_on_a_wall():
     with pytest.raises(SceneError, match="too steep"):
         aim(Workspace(ground=Ground(0.0, (1.0, 0.0, 0.0))), (0.1, 0.2))
+
+
+def test_a_body_that_is_met_as_a_motion_ends_is_touched_in_the_next():
+    """A contact in the last sample alone does not last: the next begins before it."""
+    rng = np.random.default_rng(0)
+    for x in (-0.0165, -0.0160, -0.0155):
+        world = World((0.05, 0.035, 0.04), position=(x, 0.0))
+        _, data, _ = first_touch(world, Workspace(), None, rng)
+        assert data.contact.any()
+
+
+def test_a_parked_finger_stands_in_no_obstacle():
+    wall = (-0.3, -1.0, -1.0, -0.15, 1.0, 1.0)
+    space = Workspace(obstacles=(wall,))
+    assert space.action([0.0, 0.2, 0.0, 0.2], (True, False)).blocked((0, 0, 0.02))
+    for trajectory in sweep(space):
+        assert not space.blocked(trajectory.finger_position)

@@ -1,8 +1,7 @@
 """Optima of the page: search, local solves, model selection, certificates.
 
-After the page is solved from the starts of a search, its model is revised step by step,
-each from the best solve of the step before.  The module of refinement/, where a step is
-tried, what it changes:
+After the page is solved from the starts of a search, its model is revised, each step
+from the best solve before.  Modules of refinement/, when each is used, its changes:
 
     sensor_lags           promised by a Newton step: latency, lag of normals
     ground_tilt           touches cost too much: the tilt of the ground
@@ -21,9 +20,8 @@ tried, what it changes:
 A search is repeated from the first touch where the objective says that it has lost the
 trajectory, with a latency of the sensors or soft fingertips of a polytope that were
 found, and on a ground that was found to lean.  Where the fit is not good, or physics
-costs more than usual, another one solves the page after every action: its optima, not
-tracks of the filter alone, are what the next action continues.  The better result
-counts.
+costs more than usual, another one solves the page after every action, and continues its
+optima, not tracks of the filter alone.  The better result counts.
 """
 
 from __future__ import annotations
@@ -96,13 +94,15 @@ class Optima:
         return comparable(self.best, self.solved)
 
     def to_continue(self, width: int) -> list[Hypothesis]:
-        """Return the hypotheses for the next action: the distinct optima."""
+        """Return those for the next action: distinct optima, the best among them."""
         job, solved = self.solved[0].job, self.solved
         if job.shape.of_vertices:
             return [solved[0].at]
         if not job.reductions.planar:
             return self.kept[:width]
-        return distinct(job.shape, [s.at for s in solved], width, LEAST_MOTION_BEHIND)
+        best = self.best.at  # by evidence: others may have lower objectives
+        ends = [best] * self.best.job.reductions.planar + [s.at for s in solved]
+        return distinct(job.shape, ends, width, LEAST_MOTION_BEHIND, first=best)
 
 
 def optima_of(

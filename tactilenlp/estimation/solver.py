@@ -23,6 +23,7 @@ from ..interface.request import Request, read_request
 from ..interface.result import Estimate
 from ..interface.session import PROCESS, Guess, Session
 from ..local.solved import Solved
+from ..problem.hypothesis import UNSEARCHED
 from ..problem.options import Options
 from ..refinement.incremental_polytope import update_by_one_action
 from ..refinement.model_selection import classes_of, likeliest_class
@@ -143,6 +144,8 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
     if optima.best is None:
         return not_solved(request, optima.starts, incumbents.spent)
     incumbents.kept = optima.to_continue(request.widths[0])
+    if any(what.startswith(UNSEARCHED) for what in job.deadline.omitted):
+        incumbents.kept = []  # a solve that starts from it searches all actions
     return _read_estimate(request, optima.best, incumbents, optima.modes), optima.best
 
 

@@ -87,9 +87,6 @@ class Workspace:
         if self.bound > np.pi / 2:
             fix = "convert degrees by numpy.radians"
             raise _option_error("bound", "at most pi / 2 [rad]", self.bound, fix)
-        if self.duration < 1 / POINT_RATE:
-            least = f"at least {1 / POINT_RATE} s"
-            raise _option_error("duration", least, self.duration)
         if self.radius > MAX_RADIUS:
             fix = "divide by 1000 if these are millimetres"
             raise _option_error(
@@ -113,8 +110,8 @@ class Workspace:
 
     @classmethod
     def simulation(cls, **overrides) -> Workspace:
-        """Return the paper's simulation: both angles within 2 pi / 5."""
-        return cls(**{"bound": SIMULATION_BOUND} | overrides)
+        """Return the paper's simulation, the default: both angles within 2 pi / 5."""
+        return cls(**overrides)
 
     def around(self, reach: float) -> Workspace:
         """Return the workspace, its lines so long that they start outside a body.
@@ -254,7 +251,7 @@ class Action:
 
     def positions(self, target: np.ndarray, n: int | None = None) -> np.ndarray:
         """Return positions (n, F, 3) [m] at n instants, the trajectory's by default."""
-        n = round(self.workspace.duration * POINT_RATE) + 1 if n is None else n
+        n = max(2, round(self.workspace.duration * POINT_RATE) + 1) if n is None else n
         space, target = self.workspace, checked_array("target", target, 3, unit="[m]")
         most = MOST_POINTS // space.fingers
         check_whole(f"n ({POINT_RATE} per second of duration)", n, 2, most)

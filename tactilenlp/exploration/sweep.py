@@ -59,7 +59,7 @@ def sweep(space: Workspace, centre=None) -> Iterator[Trajectory]:
     parked[:, 2] = np.maximum(parked[:, 2], height)  # no lower than the sweep
     pieces = int(np.ceil(2 * space.radius / SEGMENT_LENGTH))
     ends = np.linspace(-space.radius, space.radius, pieces + 1)
-    n = round(space.duration * POINT_RATE) + 1
+    n = max(2, round(space.duration * POINT_RATE) + 1)
     share = np.linspace(0, 1, n)[:, None]
     lines = 2 * int(np.ceil(space.radius / SWEEP_SPACING)) + 1
     offsets = sorted(np.linspace(-space.radius, space.radius, lines), key=abs)

@@ -25,15 +25,15 @@ HOPELESS_START = 25.0  # [nats] behind the best
 
 def distinct(
     shape, hypotheses, count: int, hopeless: float, samples=COMPARED,
-    key=lambda h: h.rank,
+    key=lambda h: h.rank, first=None,
 ) -> list[Hypothesis]:  # fmt: skip
     """Return the best `count` hypotheses of which no two are the same body.
 
     hopeless [nats]: none that is further behind the best; samples: where bodies are
-    compared; key: to sort by, the best first.
+    compared; key: to sort by, the best first; first: one of them that comes before all.
     """
     chosen = []
-    for h in sorted(hypotheses, key=key):
+    for h in sorted(hypotheses, key=lambda h: (h is not first, key(h))):
         if chosen and h.objective > chosen[0].objective + hopeless:
             break
         again = (same_body(shape, h, other, samples) for other in chosen)

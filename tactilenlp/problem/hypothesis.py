@@ -16,6 +16,8 @@ from ..common.layout import ANY
 from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import is_planar, matrices, planar_matrix
 
+UNSEARCHED = "a search from action"  # what a deadline omits: poses from there on stay
+
 
 def ranked(objective: float) -> float:
     """Return an objective to sort by, rounded: of symmetric twins the first wins."""

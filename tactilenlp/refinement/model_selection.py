@@ -16,7 +16,7 @@ from formulations.shape import Shape
 
 from ..common.deadline import Deadline
 from ..common.validation import check_types
-from ..errors import OptionError, PageError, StartError, TactileError
+from ..errors import Interrupted, OptionError, PageError, StartError, TactileError
 from ..information.error_budget import PRIORS
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.mixture import (

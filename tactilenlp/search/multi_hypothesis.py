@@ -23,7 +23,7 @@ from ..geometry.transforms import move_poses
 from ..local.comparison import distinct, diverse_starts, same_body
 from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
-from ..problem.hypothesis import Hypothesis
+from ..problem.hypothesis import UNSEARCHED, Hypothesis
 from ..problem.job import Job
 from ..tracking.carried import carried_away, with_carried
 from ..tracking.initial_states import (
@@ -251,7 +251,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
         for i, action in enumerate(progress(actions, "search")):
             rows = np.flatnonzero(data.action == action)
             rows = rows[rows >= done]
-            if i and job.deadline.passed(f"a search from action {i + 1} on"):
+            if i and job.deadline.passed(f"{UNSEARCHED} {i + 1} on"):
                 break
             (*steps, last), begun = run.steps, None
             after_gap = job.shape.faced and (i or done)

@@ -31,7 +31,7 @@ from ..geometry.convex_hull import (
 )
 from ..geometry.simplification import with_counts
 from ..local.comparison import distinct
-from ..problem.hypothesis import Hypothesis, ranked
+from ..problem.hypothesis import UNSEARCHED, Hypothesis, ranked
 from ..problem.job import Job
 from ..problem.reductions import Reductions
 from .plane_slam import (
@@ -152,7 +152,7 @@ def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
                 faces = ways[0].faces
                 if faces and last <= faces[0].x.shape[1]:
                     continue
-                if faces and job.deadline.passed(f"a search from action {i + 1} on"):
+                if faces and job.deadline.passed(f"{UNSEARCHED} {i + 1} on"):
                     break
                 ways = [way.extended(last) for way in ways]
                 ways.sort(key=lambda way: way.rank)
