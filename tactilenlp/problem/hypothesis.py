@@ -40,7 +40,6 @@ class Hypothesis:
     x: np.ndarray
     objective: float
     path: tuple[str, ...]
-    iterations: int = 0
     offset: np.ndarray | None = None
     carried: bool = False
     closed: bool = False
@@ -53,6 +52,7 @@ class Hypothesis:
     @classmethod
     def from_file(cls, path, **fields) -> Hypothesis:
         """Return that of a file, where `closed` may be a word of the path alone."""
+        fields.pop("iterations", None)  # of older files
         return cls(path=path, **{"closed": "closed" in path} | fields)
 
     @property

@@ -41,10 +41,17 @@ def _contacts(scene) -> tuple[bool, ...]:
     )  # fmt: skip
 
 
-def update_limit(start, new_actions: int) -> float:
+def new_actions(start, data) -> int:
+    """Return how many actions an estimate did not have whole."""
+    done = start.measurements.samples
+    within = done < data.samples and data.action[done] == data.action[done - 1]
+    return data.actions - start.measurements.actions + int(within)
+
+
+def update_limit(start, more: int) -> float:
     """Return the largest objective [nats] with which more actions are explained."""
     usual = max(start.objective, 0.0) / start.measurements.actions
-    return start.objective + DECISIVE + UPDATE_SHARE * usual * new_actions
+    return start.objective + DECISIVE + UPDATE_SHARE * usual * more
 
 
 def of_whole_actions(start, job: Job) -> bool:

@@ -72,7 +72,7 @@ def update_by_one_action(job: Job, start) -> tuple[Solved | None, bool]:
     job = replace(job, cuts=start.cuts)
     past = past_solution(job, start)
     solved = joint(job, past, new_action_alone(job, past, past_information(start)))
-    most = update_limit(start, new_actions=1)
+    most = update_limit(start, more=1)
 
     def good(solved) -> bool:
         cheap = solved.solution.objective < most

@@ -32,7 +32,13 @@ from ..problem.reductions import Reductions, required_reductions
 from ..search.multistart import multistart
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import in_distinct_namings
-from .incremental import continues, past_solution, still_explained, update_limit
+from .incremental import (
+    continues,
+    new_actions,
+    past_solution,
+    still_explained,
+    update_limit,
+)
 from .incremental_polytope import continue_if_implausible
 
 log = logging.getLogger("tactilenlp")
@@ -129,7 +135,7 @@ def update_costs_too_much(request, best: Solved) -> bool:
     start, job = request.start, request.job
     if job.shape.of_vertices or not continues(start, job):
         return False
-    most = update_limit(start, job.data.actions - start.measurements.actions)
+    most = update_limit(start, new_actions(start, job.data))
     return job.deadline.left > 0 and best.solution.objective > most
 
 

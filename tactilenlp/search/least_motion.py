@@ -123,7 +123,7 @@ def _optima(job: Job, tracks) -> Iterator[Hypothesis]:
         options = SolverOptions(TOLERANCE, left, deadline=job.deadline)
         start = built.values_at(h)
         solved = built.solve(job, (level,), start, h, settings=options)
-        yield replace(solved.at, iterations=solved.solution.iterations)
+        yield solved.at
 
 
 def from_posterior(job: Job, kept) -> list[tuple[np.ndarray, np.ndarray]]:

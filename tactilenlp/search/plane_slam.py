@@ -46,7 +46,6 @@ class Faces:
     b: np.ndarray
     x: np.ndarray
     objective: float = np.inf
-    iterations: int = 0
 
     @property
     def rank(self) -> float:
@@ -127,10 +126,7 @@ def faces_from(window, faces: Faces, solution) -> Faces:
     m, b = solution.values["plane"][:3].T, solution.values["plane"][3]
     n = m / np.linalg.norm(m, axis=1, keepdims=True)
     x = solution.values["x"][:, window.pose]
-    iterations = faces.iterations + solution.iterations
-    return replace(
-        faces, n=n, b=b, x=x, objective=solution.objective, iterations=iterations
-    )
+    return replace(faces, n=n, b=b, x=x, objective=solution.objective)
 
 
 def merged_faces(window, faces: Faces) -> Faces:

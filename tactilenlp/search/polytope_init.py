@@ -247,8 +247,7 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     ground = job.scene.ground is not None
     seen = seen_of(window, faces, job.shape.size_prior, ground)
     theta = corners_within_ball(seen).ravel()
-    cost, iterations = faces.objective, faces.iterations
-    hull = Hypothesis(theta, faces.x, cost, ("planes",), iterations)
+    hull = Hypothesis(theta, faces.x, faces.objective, ("planes",))
     corners = corners_if_closed(seen)
     if corners is None:
         return [hull]

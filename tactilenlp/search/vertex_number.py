@@ -139,5 +139,4 @@ def polished(job, body: Hypothesis, levels) -> Solved:
     built = BuiltPage(job.build(window), window, body)
     start, settings = built.values_at(body), search_settings(job)
     solved = built.solve(job, levels, start, settings=settings)
-    iterations = body.iterations + solved.solution.iterations
-    return replace(solved, hypothesis=replace(body, iterations=iterations))
+    return replace(solved, hypothesis=body)
