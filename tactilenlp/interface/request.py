@@ -232,9 +232,7 @@ def hypotheses_to_continue(start, shape, scene, data) -> list[Hypothesis]:
     if last[-1] >= done:  # it ends within this action
         done = int(last[0])
     if shape.of_vertices:
-        known = start.hypotheses[0].compliance if start.shape == shape.name else None
-        body = as_polytope(start, scene, done) if done else None
-        return [replace(body, compliance=known)] if done else []
+        return [as_polytope(start, scene, done)] if done else []
     if start.shape != shape.name:
         raise StartError(
             "the start is of another shape", where="start", got=start.shape,
