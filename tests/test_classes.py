@@ -8,7 +8,7 @@ import pytest
 from formulations.polytope import polytope
 from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, ELLIPSOID, Estimate, Options, solve_estimate
-from tactilenlp.errors import NoContactError, OptionError, StartError
+from tactilenlp.errors import Interrupted, NoContactError, OptionError, StartError
 from tactilenlp.estimation.solver import ClassSolver
 from tactilenlp.information.mixture import log_evidence
 from tactilenlp.interface.request import read_request
@@ -114,6 +114,26 @@ def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch
     odds = {one.shape: one.probability for one in best.classes}
     assert odds["cuboid"] > 0.95
     assert sum(odds.values()) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("stage", ["of_class", "from_poses"])
+def test_ctrl_c_among_classes_leaves_the_best_of_those_that_ended(monkeypatch, stage):
+    monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
+    ended = {"cuboid": 20.0, "cylinder": 5.0, "ellipsoid": 9.0}
+
+    class Solver:
+        def of_class(self, shape, *_):
+            if stage == "of_class" and shape.name == "ellipsoid":
+                raise Interrupted("stopped by Ctrl-C before anything was found")
+            return Known(shape.name, ended[shape.name])
+
+        def from_poses(self, *_):
+            raise Interrupted("stopped by Ctrl-C before anything was found")
+
+    classes = model_selection.classes_of(list(ended))
+    with pytest.raises(Interrupted) as stop:
+        model_selection.likeliest_class(classes, Solver(), None, LIMITED)
+    assert stop.value.estimate.shape == "cylinder"
 
 
 def test_later_classes_are_told_the_least_objective_of_a_good_fit(monkeypatch):

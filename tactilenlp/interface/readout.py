@@ -143,7 +143,7 @@ def read_hull(job, solved) -> dict:
     felt = replace(solved.window, touch=replace(touch, normal=normal))
     # Faces of the vertices that the estimate has: which facets make one face, and the
     # order of faces, depend on the frame.
-    outlines = [(corners, normal @ R_wg) for corners, normal in polygons(vertices)]
+    outlines = [(corners, n @ R_wg) for corners, n in polygons(vertices)]
     faces = touched_polygons(felt, V, outlines, x, job.precision.normal)
     q = quaternion_of(turn)
     return {"position": p, "quaternion": q, "body_vertices": vertices, "faces": faces}

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -95,30 +96,38 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
         )  # fmt: skip
     began, deadline = time.process_time(), Deadline.within(options.time_limit)
     estimates, errors, to_beat = {}, {}, np.inf
-    for i, shape in enumerate(classes):
-        share = deadline.left / (len(classes) - i)
-        left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
-        try:
-            own_start = start if _starts_from(start, shape) else None
-            estimate = solver.of_class(shape, left, own_start, to_beat)
-            to_beat = min(to_beat, _good_objective(estimate))
-            estimates[i] = evidence_of(estimate, shape), estimate
-        except Interrupted as stop:
-            if estimates and stop.estimate is None:
-                words = f"stopped by Ctrl-C: {len(estimates)} classes were compared"
-                raise Interrupted(words, _best_of(estimates)) from stop
-            raise
-        except PageError:
-            raise
-        except TactileError as error:
-            errors[i] = error
-    if not estimates:
-        raise next(iter(errors.values()))
-    estimates |= _likelier_from_best(classes, solver, options, deadline, estimates)
+    with _best_at_ctrl_c(estimates):
+        for i, shape in enumerate(classes):
+            share = deadline.left / (len(classes) - i)
+            left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
+            try:
+                own_start = start if _starts_from(start, shape) else None
+                estimate = solver.of_class(shape, left, own_start, to_beat)
+                to_beat = min(to_beat, _good_objective(estimate))
+                estimates[i] = evidence_of(estimate, shape), estimate
+            except PageError:
+                raise
+            except TactileError as error:
+                errors[i] = error
+        if not estimates:
+            raise next(iter(errors.values()))
+        estimates |= _likelier_from_best(classes, solver, options, deadline, estimates)
     failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
     best = _best_of(estimates)
     seconds = best.seconds | {"total": time.process_time() - began}
     return replace(best, seconds=seconds, classes=odds_of(estimates.values(), failed))
+
+
+@contextmanager
+def _best_at_ctrl_c(estimates: dict):
+    """Give an Interrupted without an estimate the best of the classes that ended."""
+    try:
+        yield
+    except Interrupted as stop:
+        if not estimates or stop.estimate is not None:
+            raise
+        words = f"stopped by Ctrl-C: {len(estimates)} classes were compared"
+        raise Interrupted(words, _best_of(estimates)) from stop
 
 
 def _best_of(estimates: dict) -> Estimate:

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.contact_segments import tracked_samples
 from .filter_steps import corrections, prediction
 from .process_noise import (
     ADDED_VARIANCE,
@@ -41,7 +40,7 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
     since the action before, by default at rest.
     """
     records, end = [], samples[-1]
-    for before, t in _steps(ekf.data, samples):
+    for before, t in _steps(ekf, samples):
         if ekf.deadline.left <= 0:
             break
         if replaced is None:
@@ -73,13 +72,12 @@ def _selected(ekf, tracks, t, ends: bool, rng):
     return (tracks if rows is None else tracks.pick(rows)), rows
 
 
-def _steps(data, samples) -> list[tuple[int, int]]:
+def _steps(ekf, samples) -> list[tuple[int, int]]:
     """Return pairs of tracked samples of an action, about PERIOD apart, ends included.
 
     The first pair is the sample before the action and its first one.
     """
-    chosen = tracked_samples(data)
-    chosen = chosen[np.isin(chosen, samples)]
+    chosen = samples[ekf.tracked[samples]]
     if chosen[0] != samples[0]:
         chosen = np.r_[samples[0], chosen]
     return list(zip(np.r_[chosen[0] - 1, chosen[:-1]], chosen, strict=True))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common.deadline import Deadline
-from ..data.contact_segments import lasting_contacts
+from ..data.contact_segments import lasting_contacts, tracked_samples
 from ..data.measurements import Measurements
 from ..data.scene import typical_friction
 from ..errors import MotionError
@@ -82,12 +82,13 @@ class SmootherStep:
 class KalmanFilter:
     """What a filter (`ekf`) reads: data, contacts (T, F), noise, friction, lower bound.
 
-    felt: contacts that last; hidden: samples that were missed and may be contacts;
-    coasts: whether nothing brakes the body; process_noise: factor of the deviations of
-    a predicted motion.
+    tracked (T,): which samples are; felt: contacts that last; hidden: samples that were
+    missed and may be contacts; coasts: whether nothing brakes the body; process_noise:
+    factor of the deviations of a predicted motion.
     """
 
     data: Measurements
+    tracked: np.ndarray
     felt: np.ndarray
     hidden: np.ndarray
     noise: tuple[float, float]
@@ -109,10 +110,11 @@ def filter_of(job: Job, data) -> KalmanFilter:
     noise = np.hypot(GAP_SIGMA, place), np.hypot(NORMAL_SIGMA, job.precision.normal)
     n = job.shape.theta
     low = np.r_[np.full(n, job.shape.bounds[0]), np.full(3, -np.inf)][:, None]
-    felt = lasting_contacts(data)
+    felt, tracked = lasting_contacts(data), np.zeros(data.samples, bool)
+    tracked[tracked_samples(data)] = True
     begin_compilation(job.shape, data.fingers)
     return KalmanFilter(
-        data, felt, unseen_contact(data), noise, typical_friction(scene), low,
+        data, tracked, felt, unseen_contact(data), noise, typical_friction(scene), low,
         coasts(scene), job.deadline, geometry_of(job.shape), job.search.process_noise,
     )  # fmt: skip
 
