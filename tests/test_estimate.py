@@ -9,6 +9,7 @@ import pytest
 from tactilenlp import Estimate, Ground, Measurements, Options, Scene, solve_estimate
 from tactilenlp.errors import NoContactError, NotConverged, OptionError, StartError
 from tactilenlp.evaluation.metrics import cuboid_errors, surface_distance
+from tactilenlp.geometry.transforms import planar_matrix
 
 
 @pytest.mark.slow
@@ -200,6 +201,10 @@ def test_a_tumbling_object_is_followed_in_free_motion(scenes):
         pose = translation_matrix(p) @ quaternion_matrix(q)
         true = trimesh.creation.box(file["side_lengths"], transform=pose)
     assert surface_distance(estimate.mesh(), true).mean < 3e-3
+    assert estimate.fit.verdict == "good"
+    turned = data.transformed(planar_matrix(3.5), np.zeros(3))
+    again = solve_estimate(turned, Scene.load(path))
+    assert again.objective == pytest.approx(estimate.objective, abs=0.5)
 
 
 @pytest.mark.slow

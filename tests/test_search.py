@@ -11,10 +11,12 @@ from formulations.shape import CUBOID
 from tactilenlp import Guess, Options, Session, solve_estimate
 from tactilenlp.errors import MotionError, StartError
 from tactilenlp.estimation import optima
-from tactilenlp.estimation.initial_search import ContactFrame, initial_hypotheses
+from tactilenlp.estimation.initial_search import initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
+from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.interface.request import read_request
 from tactilenlp.local.comparison import diverse_starts, same_body
+from tactilenlp.search.contact_frame import ContactFrame
 from tactilenlp.search.least_motion import least_motion, unseen_optima
 from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.geometry import geometry_of
@@ -153,6 +155,10 @@ def test_hypotheses_come_back_out_of_the_frame_of_the_first_touch(estimate):
     back = frame.out_of(frame.into(h))
     np.testing.assert_allclose(back.x, h.x, atol=1e-15)
     np.testing.assert_allclose(back.offset, h.offset, atol=1e-15)
+    free = replace(h, x=planar_to_free(h.theta, h.x), offset=None)
+    moved = frame.into(free)
+    np.testing.assert_allclose(moved.x, planar_to_free(h.theta, frame.into(h).x))
+    np.testing.assert_allclose(frame.out_of(moved).x, free.x, atol=1e-15)
 
 
 def test_a_search_ends_where_no_optimum_is_expected_besides_those_seen():

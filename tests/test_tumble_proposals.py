@@ -27,7 +27,8 @@ def solved(monkeypatch):
         "solved_from": solve, "tumbling_motions": lambda *_: [*PROPOSALS],
         "unexplained_by_action": lambda *_: {}, "built_page": lambda *_: None,
         "in_motion_of": lambda job, h: h, "certify": lambda *_: None,
-        "replace": lambda best, **_: best,
+        "replace": lambda best, **_: best, "named": lambda shape, h, like: h,
+        "rotation_at": lambda *_: None,
     }  # fmt: skip
     for name, value in stand_ins.items():
         monkeypatch.setattr(certification, name, value)
@@ -42,10 +43,12 @@ def test_what_costs_more_by_softer_weights_is_not_solved_to_the_end(
 ):
     job = SimpleNamespace(
         options=SimpleNamespace(widths=lambda precise: (1, 1)),
+        shape=None,
         contract=SimpleNamespace(from_guesses=ROUGH),
         with_reductions=lambda planar: None,
     )
-    found = certification._solve_tumbles(job, None, limit, None)
+    flat = SimpleNamespace(at=SimpleNamespace(theta=None))
+    found = certification._solve_tumbles(job, flat, limit, None)
     assert (found and found.name) == best
     # "c" costs less than the flat solve, and more than "a" did at the end.
     assert [name for name, level in solved if level == "joint"] == [*to_the_end]

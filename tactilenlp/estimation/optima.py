@@ -38,8 +38,9 @@ from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
 from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
-from ..refinement.axis_names import with_named_axes
+from ..refinement.axis_names import named
 from ..refinement.certification import (
+    certified,
     restore_reductions,
     solve_other_motions,
     with_profiles,
@@ -153,6 +154,7 @@ def _search_once(
         kept = starts = [s.at for s in few.solved]
     else:
         kept, starts = initial_hypotheses(request, incumbents, few.search)
+        starts = [named(request.job.shape, h, request.axes) for h in starts]
     incumbents.kept, incumbents.searched = kept, incumbents.spent
     solved = _solve_page(request, starts, incumbents, few, update)
     if solved and (job := _found_otherwise(request.job, solved[0])) is not None:
@@ -293,7 +295,5 @@ def certify_best(request: Request, optima: Optima, certify) -> Optima:
     best = solved[0]
     with deadline.ending("certificates"):
         best = most_probable(solved)
-        named = with_named_axes(best, request.axes)
-        solved = [named if s is best else s for s in solved]
-        best = certify(named)
+        best, solved = certified(best, solved, request.axes, certify)
     return replace(optima, best=best, solved=solved)

@@ -118,7 +118,13 @@ def moved_origin(x, d) -> np.ndarray:
 
 
 def move_poses(x, old, new) -> np.ndarray:
-    """Return poses x (3, T) moved by the planar motion that maps `old` to `new`."""
+    """Return poses x, planar or free, moved by the planar motion from `old` to `new`.
+
+    old, new (3,): x, y [m] and yaw [rad].
+    """
     turn = new[2] - old[2]
-    away = x[:2] - old[:2, None]
-    return np.vstack([*rotate_planar(turn, *away, origin=new), x[2] + turn])
+    place = rotate_planar(turn, *(x[:2] - old[:2, None]), origin=new)
+    if is_planar(x):
+        return np.vstack([*place, x[2] + turn])
+    turned = planar_matrix(turn) @ matrices(x)
+    return np.vstack([*place, x[2], rotvecs(turned).T])

@@ -12,7 +12,6 @@ LEAST_MOTION_BEHIND = 15.0  # before a page with physics is solved
 FAILED_BEHIND = 100.0  # after first levels that stopped early
 
 # What an objective says of a solve:
-RAN_AWAY = 40.0  # an action, more than least motion: freed poses went astray
 UNCHANGED = 0.5  # more data that add less leave the optimum as it was
 RESTORED = 1.0  # what a reduction dropped may add when it is restored
 UPDATE_SHARE = 2.0  # [cost of an action so far] that an update may add per action

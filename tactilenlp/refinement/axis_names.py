@@ -50,6 +50,11 @@ def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
     return min(relabellings(shape, upright=is_planar(h.x)), key=rank)
 
 
+def named(shape, h: Hypothesis, like) -> Hypothesis:
+    """Return a hypothesis under the names of `naming`."""
+    return renamed(h, *naming(shape, h, like))
+
+
 def renamed(h: Hypothesis, order, S) -> Hypothesis:
     """Return a hypothesis under other names of the axes: as `naming` returns them."""
     return replace(h, theta=h.theta[order], x=with_axes(h.x, S))

@@ -10,34 +10,34 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
-import numpy as np
-
 from ..certificates.certify import certify
 from ..certificates.outliers import unexplained_by_action
+from ..certificates.unreduced import LEFT_OUT
+from ..local.comparison import same_body
 from ..local.local_solve import (
     built_page,
-    freed_to_tilt,
     in_motion_of,
     solved_from,
     warm_started,
 )
-from ..local.margins import DECISIVE, RESTORED
-from ..local.solved import Solved
+from ..local.margins import RESTORED
+from ..local.solved import Solved, comparable
 from ..problem.reductions import states_planar_motion
-from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
+from ..tracking.surface import rotation_at
+from .axis_names import named, with_named_axes
 from .ground_tilt import with_ground_tilt
-from .profile_deviation import VAGUE_SHARE
+from .model_selection import most_probable
 from .profile_likelihood import (
     PROFILE_MU,
     profile_deviations,
-    untouched_height_sigma,
 )
 from .rocking_body import explains_touches, with_tilt
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
 MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
+TUMBLE_ITERATIONS = 400  # of a level from each of them
 
 
 def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
@@ -75,33 +75,7 @@ def with_profiles(best) -> Solved:
         again = restore_reductions(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
         profile, _ = profile_deviations(best, seeks=False)
-    return with_height_open(replace(best, profile=profile))
-
-
-def with_height_open(flat) -> Solved:
-    """Return a solve with profiles: in free motion where this opens a height, or flat.
-
-    Felt normals lean where fingers meet the rim of the top, which tells the height of a
-    flat body, and where the body tilts, which leaves it open.  The evidence of free
-    motion is larger by what the objective falls, and by the log of how much wider the
-    height is: as any larger model, it must be decisively likelier.
-    """
-    told = untouched_height_sigma(flat)
-    if told is None or told >= VAGUE_SHARE * flat.job.shape.typical_deviation:
-        return flat
-    if not flat.job.fixes("planar") or flat.job.deadline.passed("a height left open"):
-        return flat
-    free = flat.job.with_reductions(planar=False)
-    tilted = restore_reductions(freed_to_tilt(free, flat))
-    if not tilted.solution.success:
-        return flat
-    profile, _ = profile_deviations(tilted, seeks=False)
-    tilted = replace(tilted, profile=profile)
-    if (wider := untouched_height_sigma(tilted)) is None:
-        return flat
-    gain = flat.solution.objective - tilted.solution.objective + np.log(wider / told)
-    log.info("a tilt that leaves the height open is likelier by %.1f nats", gain)
-    return tilted if gain > DECISIVE else flat
+    return replace(best, profile=profile)
 
 
 def restore_reductions(solved) -> Solved:
@@ -134,6 +108,44 @@ def restore_reductions(solved) -> Solved:
     return replace(solved, certificates=certificates)
 
 
+def certified(best: Solved, solved, like, certify) -> tuple[Solved, list[Solved]]:
+    """Return the most probable solve, certified, its axes named; and all that compete.
+
+    best: the most probable one; like: see `naming`; certify(solved): a solve with
+    certificates, or a better one.  What is restored for it is restored for all; if
+    another one is the most probable then, that one is certified.
+    """
+    likeliest, best = best, None
+    while likeliest is not best:
+        others = [s for s in solved if s is not likeliest]
+        flat = with_named_axes(likeliest, like)
+        best = certify(flat)
+        if best.window.motion is not flat.window.motion:
+            return best, [flat, *others]
+        solved = [best, *restored_as(best, others)]
+        likeliest = most_probable(solved)
+    return best, solved
+
+
+def restored_as(best: Solved, others) -> list[Solved]:
+    """Return other solves, those of some weight with what was restored for the best.
+
+    Objectives are compared with the same left out.  The same body is no other one.
+    """
+    shape, made, cuts = best.job.shape, best.job.reductions, best.job.cuts
+    left_out = {name: getattr(made, name) for name in LEFT_OUT}
+    several, solves = comparable(best, others), []
+    for s in others:
+        job = replace(s.job.with_reductions(**left_out), cuts=cuts)
+        alike = job.reductions == s.job.reductions and cuts == s.job.cuts
+        if s not in several:
+            solves.append(s)
+        elif not same_body(shape, s.at, best.at):
+            late = job.deadline.passed("restored reductions of other optima")
+            solves.append(s if alike or late else warm_started(job, s))
+    return solves
+
+
 def _solve_tumbles(job, flat, limit: float, executor) -> Solved | None:
     """Return the best proposal of a tumble, solved in free motion; None if none is.
 
@@ -145,9 +157,12 @@ def _solve_tumbles(job, flat, limit: float, executor) -> Solved | None:
         job, evidence, *job.options.widths(precise=False), executor
     )
     free, best = job.with_reductions(planar=False), None
-    levels = [ranking(level) for level in job.contract.from_guesses]
+    levels = job.contract.from_guesses
+    levels = [k.with_ipopt(max_iter=TUMBLE_ITERATIONS) for k in levels]
     first = 1 + next(k for k, level in enumerate(levels) if "x" not in level.fixed)
+    like = flat.at.theta, rotation_at(flat.at, 0)
     for h in motions[:MAX_TUMBLE_SOLVES]:
+        h = named(job.shape, h, like)
         built = built_page(free, in_motion_of(free, h))
         tumbled = solved_from(free, h, built, levels[:first])
         if levels[first:] and tumbled.solution.objective < limit:

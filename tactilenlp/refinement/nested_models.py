@@ -29,10 +29,9 @@ from ..information.mixture import occam_of
 from ..local.levels import FREED_MU
 from ..local.local_solve import built_page, transfer_solution, warm_started
 from ..local.margins import DECISIVE, UNCHANGED
-from ..local.solved import Solved, best_first
+from ..local.solved import Solved
 from ..nlp.kkt import gradient, kkt_system_of
 from ..problem.skipped import Skipped
-from ..tracking.initial_states import body_height
 
 log = logging.getLogger("tactilenlp")
 
@@ -112,8 +111,6 @@ def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
         freed = [warm_started(larger, best, FREED_MU)]
     if not freed:
         return solves
-    if nuisance.unknown == FINGER_TURN and job.shape.faced:
-        freed = _with_open_height(larger, freed)
     gain, needed = _gain_and_need(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
         return [declined(best, name, gain, needed), *others]
@@ -158,23 +155,6 @@ def _gain_and_need(smaller, larger, nuisance: Nuisance, spread: float) -> tuple:
 def _needed(larger: Solved, nuisance: Nuisance, spread: float) -> float:
     """Return what a larger model must gain [nats]."""
     return needed_gain(spread, occam_of(larger.kkt, nuisance.unknown))
-
-
-def _with_open_height(job, freed) -> list[Solved]:
-    """Return solves of a box, one more with a height above all touches of its sides.
-
-    Turned normals may have looked like those of a rim, which tells the height.
-    """
-    best, shape = freed[0], job.shape
-    theta = best.at.theta.copy()
-    theta[2] = body_height(job.data, shape, shape.typical_size, np.inf)
-    if best.at.theta[2] >= theta[2] or job.deadline.passed("an open height"):
-        return freed
-    solution = best.solution
-    raised = replace(solution, values=solution.values | {"theta": theta[:, None]})
-    raised = replace(best, solution=raised)
-    higher = warm_started(job, raised, FREED_MU)
-    return best_first([*freed, higher])
 
 
 def gain_with_others_held(job, solved: Solved, unknown: str) -> float:

@@ -19,12 +19,11 @@ from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW
 from ..interface.result import Estimate
 from ..local.comparison import distinct
 from ..local.levels import levels_of
-from ..local.local_solve import freed_to_tilt, solved_from, warm_started
+from ..local.local_solve import freed_to_tilt, warm_started
 from ..local.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
     NEGLIGIBLE,
-    RAN_AWAY,
     UNCHANGED,
 )
 from ..local.solved import Solved, best_first
@@ -95,14 +94,7 @@ def _solve_promising(job, kept, solves, start, earlier) -> list[Solved]:
         rest = promising[len(first) :]
         others = multistart(job, rest, levels, solved, solves.part())
         solved = best_first([*solved, *others])
-    good = [s for s in solved if s.solution.success]
-    bound = min(h.objective for h in kept) + RAN_AWAY * job.data.actions
-    lost = not good or good[0].solution.objective > bound
-    lost = lost and levels is not job.page.LEVELS
-    if lost and not job.deadline.passed("the page's own levels"):
-        # Slower: they hold poses first.
-        good = [*good, solves.add(solved_from(job, solved[0].hypothesis))]
-    return best_first(good or solved)
+    return [s for s in solved if s.solution.success] or solved
 
 
 def solve_from_estimate(job, start) -> list[Solved]:

@@ -5,6 +5,7 @@ a shape and a trajectory.  Of shapes with sizes: multi-hypothesis tracking, mult
 
 - `multi_hypothesis`: the search for shapes with sizes, by the package `tracking`;
   `least_motion`: its tracks as optima of the page with least motion
+- `contact_frame`: the frame of the first touch, in which bodies are searched
 - `proposals_poses`: a body of one class on the poses of another
 - `proposals_tumble`, `proposals_floating`: bodies that fall, bodies that float
 - `multistart`: the page solved from starts, by successive halving

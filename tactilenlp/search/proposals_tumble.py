@@ -26,13 +26,13 @@ from ..local.solved import BuiltPage
 from ..problem.hypothesis import Hypothesis
 from ..problem.reductions import Reductions, window_of_samples
 from ..tracking.initial_states import BELOW_TOP
-from .multi_hypothesis import TrackingSearch, smoothed_tracks
+from .contact_frame import ContactFrame
+from .multi_hypothesis import SMOOTHED, TrackingSearch, smoothed_tracks
 
 TIPPING_TILT = np.radians(2)  # a side normal that rises further shows tipping
 DEPTH_SHARES = (1.0, 2 / 3)  # [-] of the proposed depth: the edge is not observed
 # Which of the two horizontal sides are taken from before the tumble:
 KNOWN_SIDES = tuple(np.array(k, bool) for k in ((0, 0), (0, 1), (1, 0), (1, 1)))
-TUMBLE_TRACKS = 30  # continued by a tumble
 MAX_TUMBLES = 100  # proposals that are continued, the likeliest first
 
 
@@ -113,7 +113,7 @@ def last_tumbles(job, kept) -> list[Tumble]:
     side = felt_sides(data)
     side &= (data.action == data.action[-1])[:, None]
     highest = data.finger_position[side][:, 2].max(initial=-np.inf)
-    for h in smoothed_tracks(job, kept, TUMBLE_TRACKS):
+    for h in smoothed_tracks(job, kept, SMOOTHED):
         height = max(h.theta[2], highest + BELOW_TOP)  # tall enough for its sides
         h = replace(h, theta=np.r_[h.theta[:2], height])
         start, tipped = _last_tip(job, h)
@@ -154,7 +154,8 @@ def tumbling_motions(job, evidence, width: int, solves: int, executor=None):
     evidence: of outliers.unexplained_by_action for the best planar hypothesis. Any
     action that contradicts sliding and shows a rising normal may be the one.
     """
-    actions, motions = np.unique(job.data.action), []
+    frame = ContactFrame.of(job)
+    job, actions, motions = frame.job(job), np.unique(job.data.action), []
     for action in [e.action for e in evidence if e.against and e.tilt > TIPPING_TILT]:
         hypotheses = []
         if job.data.contact[job.data.action < action].any():
@@ -164,7 +165,8 @@ def tumbling_motions(job, evidence, width: int, solves: int, executor=None):
         tumbles = likeliest_tumbles(part, last_tumbles(part, hypotheses))
         if tumbles:
             motions += motions_after(job, tumbles, width, solves, executor)
-    return distinct(job.shape, motions, width, np.inf)
+    motions = distinct(job.shape, motions, width, np.inf)
+    return [frame.out_of(h) for h in motions]
 
 
 def motions_after(job, tumbles, width: int, solves: int, executor=None):
@@ -186,11 +188,12 @@ def motions_after(job, tumbles, width: int, solves: int, executor=None):
     later = TrackingSearch(part, fallen, solves, executor).starts()
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(fallen, tumbles, strict=True) if alone else product(later, tumbles)
-    motions = [motion for h, t in pairs for motion in t.whole_motions(h)]
-    costs = zip(motions, _costs(job, motions), strict=True)
-    costed = (replace(h, objective=cost) for h, cost in costs)
-    motions = sorted(costed, key=lambda h: h.objective)
-    return distinct(job.shape, motions, width, np.inf)
+    motions = [(h, motion) for h, t in pairs for motion in t.whole_motions(h)]
+    costs, likeliest = _costs(job, [motion for _, motion in motions]), {}
+    for (h, motion), cost in zip(motions, costs, strict=True):
+        if h not in likeliest or cost < likeliest[h].objective:
+            likeliest[h] = replace(motion, objective=cost)
+    return distinct(job.shape, likeliest.values(), width, np.inf)
 
 
 def likeliest_tumbles(job, tumbles) -> list[Tumble]:
