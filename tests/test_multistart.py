@@ -14,9 +14,10 @@ from tactilenlp import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.comparison import distinct, same_body
 from tactilenlp.local.levels import freed_levels
-from tactilenlp.local.local_solve import continuation
+from tactilenlp.local.local_solve import continuation, solved_from
 from tactilenlp.local.solved import Solved, Solves, best_first
 from tactilenlp.problem.hypothesis import Hypothesis
+from tactilenlp.search import multistart as starts
 from tactilenlp.search.multistart import multistart
 
 LEVELS = freed_levels(page.LEVELS)
@@ -55,6 +56,29 @@ def test_what_is_known_or_hopeless_is_not_solved_to_the_end(case):
     lucky = replace(known[0], solution=cheap, before_last_level=None)
     far = pushed(h, 30e-3)
     assert multistart(job, [far], LEVELS, earlier=[lucky]) == []
+
+
+def test_only_the_best_start_is_solved_beyond_the_iterations_of_each(case, monkeypatch):
+    job, h = case
+    levels = [level.with_ipopt(max_iter=1500) for level in LEVELS]
+    whole = multistart(job, [h], levels)[0]
+    monkeypatch.setattr(starts, "RANKED_ITERATIONS", 3)
+    asked = []
+
+    def counted(*given, **named):
+        asked.append(given[3][-1].ipopt["max_iter"])
+        return solved_from(*given, **named)
+
+    monkeypatch.setattr(starts, "solved_from", counted)
+    found = multistart(job, [h, pushed(h, 1e-3)], levels)
+    assert asked.count(1500) == 1
+    assert found[0].solution.success
+    assert found[0].cost == pytest.approx(whole.cost, abs=0.3)
+    assert len({id(one.problem) for one in found}) == 1  # it is not built again
+    asked.clear()
+    known = multistart(job, [pushed(h, 1e-3)], levels, earlier=[whole])
+    assert 1500 not in asked  # it is not ahead of what is known
+    assert not any(s.solution.success for s in known)
 
 
 def test_levels_that_hold_poses_are_solved_one_by_one(case):

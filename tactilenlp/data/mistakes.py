@@ -38,7 +38,7 @@ SUSPICION = 0.5
 # [nats] that other terms than kinks must gain: a programme that is repeated stops its
 # fingers a while after each touch, as if all touches were too early.
 BY_OTHERS = 1.0
-MOST_SAMPLES = 1500  # whole actions up to these are read: enough, within 0.2 s
+MOST_SAMPLES = 400  # whole actions up to these are read: 13 s, within 0.2 s
 # Shifts in time, of two samples or more: one sample is within the latency.
 LONGEST_SHIFT, SHIFTS = 10 / 30, 9  # [s]; each way
 RADIUS_FACTORS = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)

@@ -238,6 +238,10 @@ class Solves:
         self.ended.append(solved)
         return solved
 
+    def exchange(self, old: Solved, new: Solved) -> None:
+        """Put a solve in the place of one that it finishes."""
+        self.ended[self.ended.index(old)] = new
+
     def part(self, earlier=()) -> Solves:
         """Return a collection of its own, whose solves count as those here do."""
         self._parts.append(Solves([*earlier]))

@@ -23,6 +23,7 @@ from ..local.local_solve import (
 from ..local.margins import RESTORED
 from ..local.solved import Solved, comparable
 from ..problem.reductions import states_planar_motion
+from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
 from ..tracking.surface import rotation_at
 from .axis_names import named, with_named_axes
@@ -37,7 +38,6 @@ from .rocking_body import explains_touches, with_tilt
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
 MAX_TUMBLE_SOLVES = 6  # proposals of a tumble that are solved: some diverge
-TUMBLE_ITERATIONS = 400  # of a level from each of them
 
 
 def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
@@ -157,8 +157,7 @@ def _solve_tumbles(job, flat, limit: float, executor) -> Solved | None:
         job, evidence, *job.options.widths(precise=False), executor
     )
     free, best = job.with_reductions(planar=False), None
-    levels = job.contract.from_guesses
-    levels = [k.with_ipopt(max_iter=TUMBLE_ITERATIONS) for k in levels]
+    levels = [ranking(level) for level in job.contract.from_guesses]
     first = 1 + next(k for k, level in enumerate(levels) if "x" not in level.fixed)
     like = flat.at.theta, rotation_at(flat.at, 0)
     for h in motions[:MAX_TUMBLE_SOLVES]:

@@ -23,10 +23,11 @@ from ..local.local_solve import (
     level_groups,
     solved_from,
 )
-from ..local.margins import FAILED_BEHIND, LEAST_MOTION_BEHIND
+from ..local.margins import DECISIVE, FAILED_BEHIND, LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, Solves, best_first
 
 log = logging.getLogger("tactilenlp")
+RANKED_ITERATIONS = 400  # of a level from every start; the best one is finished
 
 
 def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:
@@ -36,17 +37,26 @@ def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:
     that the new ones compete with; solves: where results are added, those before
     the last level as provisional ones.
     """
-    solves = solves or Solves()
+    solves, ranked = solves or Solves(), [ranking(level) for level in levels]
     provisional = solves.provisional()
     separate = len(levels) == 1 or "x" in levels[-2].fixed or levels[-1].rebuild
     with interruptible():
         # Held or free poses do not come together before the last level.
         if separate or not job.reductions.planar:
-            _solve_separately(job, hypotheses, levels, earlier, solves)
+            _solve_separately(job, hypotheses, ranked, earlier, solves)
         else:
-            _solve_until_alike(job, hypotheses, levels[:-1], earlier, provisional)
-        _solve_promising(job, provisional.ended, levels[-1:], earlier, solves)
+            _solve_until_alike(job, hypotheses, ranked[:-1], earlier, provisional)
+        _solve_promising(job, provisional.ended, ranked[-1:], earlier, solves)
+        if ranked[-1] is not levels[-1]:
+            _finish_best(job, levels[-1], earlier, solves)
     return best_first(solves.ended)
+
+
+def ranking(level):
+    """Return a level with few enough iterations to be solved from every start."""
+    if level.ipopt.get("max_iter", 0) <= RANKED_ITERATIONS or level.rebuild:
+        return level
+    return level.with_ipopt(max_iter=RANKED_ITERATIONS)
 
 
 def _in_time(job, hypotheses, earlier, solves) -> Iterator:
@@ -139,3 +149,14 @@ def _solve_promising(job, provisional, last, earlier, solves) -> None:
         end = solved_from(job, s.hypothesis, s.built, last, s.solution)
         solves.add(replace(end, before_last_level=s.at))
         ends.append(s.at)
+
+
+def _finish_best(job, level, earlier, solves) -> None:
+    """Solve the best start to the end, if it is unfinished and ahead of the others."""
+    ended = [s.cost for s in (*earlier, *solves.ended) if s.solution.success]
+    ahead = [s for s in solves.ended if not s.solution.success]
+    ahead = [s for s in ahead if s.cost < min(ended, default=np.inf) - DECISIVE]
+    if ahead and not job.deadline.passed("an unfinished solve of the page"):
+        best = min(ahead, key=lambda s: s.cost)
+        end = solved_from(job, best.hypothesis, best.built, [level], best.solution)
+        solves.exchange(best, replace(end, before_last_level=best.before_last_level))
