@@ -16,6 +16,7 @@ the distances from the planes of faces is too short there.
 from __future__ import annotations
 
 import random
+from functools import cache
 from math import cos, pi, sin, sqrt
 
 import casadi as ca
@@ -276,6 +277,11 @@ def _of_mesh(mesh, signed, points):
 
 def directions(count: int):
     """Return evenly spread unit vectors (3, count): a spherical Fibonacci lattice."""
+    return ca.DM(_lattice(count))
+
+
+@cache
+def _lattice(count: int):
     columns = []
     for i in range(count):
         z = 1 - (2 * i + 1) / count

@@ -1,5 +1,6 @@
 """Classes of shapes compared by their evidence."""
 
+import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -92,6 +93,7 @@ class Known:
     classes: tuple = ()
     success: bool = True
     fit: object = None
+    status: str = "Solve_Succeeded"
 
 
 def test_the_poses_of_the_likeliest_class_start_those_that_were_lost(monkeypatch):
@@ -154,6 +156,29 @@ def test_later_classes_are_told_the_least_objective_of_a_good_fit(monkeypatch):
     model_selection.likeliest_class(classes, Solver(), None, LIMITED)
     expected = {"cuboid": np.inf, "cylinder": np.inf, "ellipsoid": 7.0, "polytope": 5.0}
     assert told == expected
+
+
+def test_no_class_begins_after_the_time_limit_of_all(monkeypatch):
+    monkeypatch.setattr(model_selection, "evidence_of", lambda e, _: -e.objective)
+
+    class Solver:
+        def of_class(self, shape, *_):
+            time.sleep(0.15)
+            return Known(shape.name, 5.0)
+
+        def from_poses(self, *_):
+            return None
+
+    options = Options(time_limit=model_selection.MIN_CLASS_TIME + 0.1)
+    classes = model_selection.classes_of(["cuboid", "cylinder", "ellipsoid"])
+    best = model_selection.likeliest_class(classes, Solver(), None, options)
+    assert best.status == (
+        "Solve_Succeeded, time limit reached: without the class cylinder, "
+        "the class ellipsoid"
+    )
+    tried, *others = best.classes
+    assert (tried.shape, tried.error) == ("cuboid", "")
+    assert all("no time was left" in one.error for one in others)
 
 
 @pytest.mark.slow

@@ -252,6 +252,7 @@ BAD = [  # the key, the first bad index, what is given, a word of the message
     ("finger_radius", (1,), [0.01, -0.01], "not positive"),
     ("finger_radius", (1,), [0.01, NAN], "not finite"),
     ("finger_radius", (0,), 10.0, "looks like millimetres"),
+    ("finger_radius", (0,), 1.0, "looks like centimetres"),
     ("finger_radius", None, [0.01] * 3, "wrong shape"),
     ("contact", None, np.zeros(12, bool), "wrong shape"),
     ("contact", None, FLAG.astype(object), "wrong dtype"),

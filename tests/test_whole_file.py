@@ -138,6 +138,7 @@ def test_a_small_file_that_unpacks_to_much_is_refused_before_it_is_unpacked(
     tmp_path, monkeypatch
 ):
     monkeypatch.setattr(npz, "LARGEST_CONTENT", 2**24)
+    monkeypatch.setattr(npz, "LARGEST_RESULT", 2**24)
     path, shape = tmp_path / "bomb.npz", (npz.LARGEST_CONTENT // 8 + 1,)
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,

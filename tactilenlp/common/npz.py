@@ -36,6 +36,7 @@ UNREADABLE = (  # AttributeError, TypeError: np.load gave an array, it was an .n
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 MB = 2**20
 LARGEST_CONTENT = 256 * MB  # of a file: two fingers take 130 MB in 7 h at 30 Hz
+LARGEST_RESULT = 4096 * MB  # of one of our own: 150 explored actions take 256 MB
 SHOWN_NAMES = 5  # of the arrays of a file without header, in the error
 LIBRARIES = ("tactilenlp", "casadi", "numpy", "scipy")
 
@@ -47,17 +48,18 @@ def write_npz(path, arrays: dict) -> None:
 
 
 def read_npz(
-    path: str | os.PathLike, keys: Iterable | None, error: type = MeasurementError
-) -> dict[str, np.ndarray]:
+    path: str | os.PathLike, keys: Iterable | None, error: type = MeasurementError,
+    most: float | None = None,
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Return the arrays of an .npz file, those of `keys` that it has (None: all).
 
-    Raises `error` if the file is no .npz file of plain arrays, NoFileError if there
-    is no file.
+    most [bytes]: of content, by default LARGEST_CONTENT.  Raises `error` if the file is
+    no .npz file of plain arrays, NoFileError if there is no file.
     """
     arrays, where = {}, os.fspath(path) if isinstance(path, os.PathLike) else path
     with open_file(path, error) as stream:
         try:
-            check_declared(stream, error, where)
+            check_declared(stream, error, where, most or LARGEST_CONTENT)
             with np.load(stream, allow_pickle=False) as archive:
                 if keys is not None and "header" in archive and "header" not in keys:
                     raise _another_kind(keys, error, where)
@@ -85,8 +87,8 @@ def _another_kind(keys, error: type, where: str):
     )  # fmt: skip
 
 
-def check_declared(stream, error: type, where: str) -> None:
-    """Raise `error` if an .npz file declares more content than LARGEST_CONTENT.
+def check_declared(stream, error: type, where: str, most: float) -> None:
+    """Raise `error` if an .npz file declares more content than `most` [bytes].
 
     Read from the directory of the archive, before anything is unpacked; no member
     yields more bytes than its entry there declares.
@@ -94,10 +96,10 @@ def check_declared(stream, error: type, where: str) -> None:
     with zipfile.ZipFile(stream) as archive:
         declared = sum(entry.file_size for entry in archive.infolist())
     stream.seek(0)
-    if declared > LARGEST_CONTENT:
+    if declared > most:
         raise error(
             "too large", where=where, got=f"arrays of {declared / MB:.0f} MB",
-            expected=f"at most {LARGEST_CONTENT / MB:.0f} MB when unpacked",
+            expected=f"at most {most / MB:.0f} MB when unpacked",
             next="split the recording, or select what is needed",
         )  # fmt: skip
 
@@ -118,7 +120,7 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
 
     Raises FileError for files of another format, version or class.
     """
-    arrays = read_npz(path, None, error=FileError)
+    arrays = read_npz(path, None, error=FileError, most=LARGEST_RESULT)
     if "header" not in arrays:
         some = ", ".join(sorted(arrays)[:SHOWN_NAMES])
         raise FileError(
@@ -144,7 +146,8 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
 
 def format_of(path) -> str:
     """Return the format that a file's header names, "" if it names none."""
-    header = read_npz(path, ["header"], error=FileError).get("header")
+    arrays = read_npz(path, ["header"], error=FileError, most=LARGEST_RESULT)
+    header = arrays.get("header")
     try:
         return str(json.loads(str(header))["format"])
     except MALFORMED:

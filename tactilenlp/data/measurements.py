@@ -151,8 +151,7 @@ class Measurements:
         arrays = self.arrays() | {"normal": self.normal @ R_vw.T}
         arrays["finger_position"] = self.finger_position @ R_vw.T + t_vw
         if (wxyz := self.finger_orientation) is not None:
-            # lazily: import stays light
-            from scipy.spatial.transform import Rotation
+            from scipy.spatial.transform import Rotation  # import stays light
 
             from ..geometry.transforms import quaternion_of, rotation_of
 
@@ -249,9 +248,10 @@ def _check_fingers(arrays: dict[str, np.ndarray]) -> None:
     fix = f"use a frame whose origin is within {FARTHEST:.0f} m of the fingers"
     _reject("finger_position", abs(p_wf) > FARTHEST, "too far away", p_wf, fix)
     what, fix = "looks like millimetres", "divide by 1000"
+    _reject("finger_position", abs(p_wf - p_wf[0, 0]) > LARGEST_SPREAD, what, p_wf, fix)
+    if radius.max() < 10 * LARGEST_RADIUS:
+        what, fix = "looks like centimetres", "divide by 100"
     _reject("finger_radius", radius > LARGEST_RADIUS, what, radius, fix)
-    far = abs(p_wf - p_wf[0, 0]) > LARGEST_SPREAD
-    _reject("finger_position", far, what, p_wf, fix)
     if "finger_orientation" in arrays:
         _make_unit("finger_orientation", arrays["finger_orientation"], True)
 

@@ -154,7 +154,7 @@ def _read_estimate(request, best, incumbents, modes) -> Estimate:
     deadline, kept = request.job.deadline, incumbents.kept
     seconds = best.solution.seconds | {
         "search": incumbents.searched, "total": incumbents.spent,
-        "compilation": deadline.spent.get("compilation", 0.0),
+        "compile": deadline.spent.get("compile", 0.0),
     }  # fmt: skip
     strict = deadline.until(deadline.at, strict=True)
     return read_off(request, best, kept, seconds, strict, modes)

@@ -105,7 +105,7 @@ class ClassOdds:
 
     shape: its name; objective [nats] of its estimate, and log_evidence [nats], both up
     to one constant that all classes share; probability [-]; verdict: of its fit; error:
-    why there is no estimate, or "".
+    why there is no evidence of it, or "".
     """
 
     shape: str
@@ -127,7 +127,8 @@ def odds_of(estimates, errors: dict) -> tuple[ClassOdds, ...]:
     odds = []
     for (own, e), share in zip(estimates, shares, strict=True):
         verdict = e.fit.verdict if e.fit else ""
-        odds.append(ClassOdds(e.shape, e.objective, own, float(share), verdict))
+        ended = "" if np.isfinite(own) else e.status
+        odds.append(ClassOdds(e.shape, e.objective, own, float(share), verdict, ended))
     odds.sort(key=lambda one: -one.log_evidence)
     failed = {k: f"{type(error).__name__}: {error}" for k, error in errors.items()}
     odds += [ClassOdds(k, np.inf, -np.inf, 0.0, "", said) for k, said in failed.items()]

@@ -57,7 +57,7 @@ class Estimate:
     violations:    the largest of each constraint, dimensionless; multipliers: by name
     success, status, iterations, evaluations, progress, solver, stationarity,
     complementarity: of the solve, as in Solution
-    seconds:       [s] of CPU time by step; "compilation": of waiting for compilers
+    seconds:       [s] of CPU time by step; "compile": of waiting for compilers
     skipped:       reductions made, with checks; faces: how many samples touched each
     information:   about shape, final pose and trajectory
     hypotheses:    for the next action, best first; origin: what it was solved from

@@ -40,7 +40,7 @@ if hasattr(os, "register_at_fork"):
 
 def time_for_compilation(deadline: Deadline) -> float:
     """Return the time [s] that the compilation of one library may take now."""
-    return min(COMPILE_TIME, deadline.share_left("compilation", COMPILE_SHARE))
+    return min(COMPILE_TIME, deadline.share_left("compile", COMPILE_SHARE))
 
 
 class Compilation:
@@ -53,7 +53,7 @@ class Compilation:
         self, command: Sequence[str], source: str, library: Path, deadline: Deadline
     ):
         while len(_running) >= (os.cpu_count() or 1):
-            with deadline.spending("compilation"):
+            with deadline.spending("compile"):
                 ended = _first_to_end()
             ended.wait()
         self._library, self._deadline = library, deadline
@@ -110,7 +110,7 @@ class Compilation:
             with self._opened:
                 try:
                     left = max(0.0, self._began + self._allowed - time.monotonic())
-                    with self._deadline.spending("compilation"):
+                    with self._deadline.spending("compile"):
                         self._result = self._stored(self._status(left))
                 except OSError as error:
                     self._result = error

@@ -173,7 +173,9 @@ def classes_in_words(classes) -> str:
         f" {one.shape.capitalize()} could not be estimated: {one.error}."
         for one in classes if one.error
     ]  # fmt: skip
-    words = f"Of the classes compared, {', '.join(odds)} of the evidence."
+    words = "No class has evidence."
+    if odds:
+        words = f"Of the classes compared, {', '.join(odds)} of the evidence."
     return words + "".join(failed)
 
 

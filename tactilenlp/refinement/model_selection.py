@@ -15,7 +15,7 @@ import numpy as np
 
 from formulations.shape import Shape
 
-from ..common.deadline import Deadline
+from ..common.deadline import TIME_LIMIT, Deadline
 from ..common.validation import check_types
 from ..errors import Interrupted, OptionError, PageError, StartError, TactileError
 from ..information.error_budget import PRIORS
@@ -82,8 +82,9 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
     """Return the estimate of the class with the largest evidence, and its table.
 
     classes: Shapes; solver: an estimation.solver.ClassSolver, whose estimates may raise
-    TactileError; the time limit is shared by the classes that are left; start: of the
-    classes that it fits, StartError if of none.  Raises the error of the first class if
+    TactileError; the time limit is shared by the classes that are left, of which
+    none begins without MIN_CLASS_TIME; start: of the classes that it fits, StartError
+    if of none.  Raises the error of the first class if
     none has an estimate, and a PageError, which is a fault of the page.  The poses of
     the likeliest class are a second start of the others.
     """
@@ -98,6 +99,9 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
     estimates, errors, to_beat = {}, {}, np.inf
     with _best_at_ctrl_c(estimates):
         for i, shape in enumerate(classes):
+            if i and deadline.passed(f"the class {shape.name}", MIN_CLASS_TIME):
+                errors[i] = _no_time_for(shape, options)
+                continue
             share = deadline.left / (len(classes) - i)
             left = replace(options, time_limit=max(MIN_CLASS_TIME, share))
             try:
@@ -115,7 +119,20 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
     failed = {classes[i].name: e for i, e in errors.items() if i not in estimates}
     best = _best_of(estimates)
     seconds = best.seconds | {"total": time.process_time() - began}
-    return replace(best, seconds=seconds, classes=odds_of(estimates.values(), failed))
+    odds, status = odds_of(estimates.values(), failed), deadline.marked(best.status)
+    if TIME_LIMIT in best.status:  # the class's own limit
+        status = ", ".join([best.status, *deadline.omitted])
+    return replace(best, seconds=seconds, status=status, classes=odds)
+
+
+def _no_time_for(shape, options) -> OptionError:
+    """Return why a class was not tried."""
+    return OptionError(
+        "no time was left for it", where="options.time_limit",
+        got=f"{options.time_limit:g} s for all classes",
+        expected=f"at least {MIN_CLASS_TIME:g} s for a {shape.name}",
+        next="allow more time, or compare fewer classes",
+    )  # fmt: skip
 
 
 @contextmanager
