@@ -41,7 +41,7 @@ class TermFunction:
     `arguments` (z, d) -> a, of which `solver` makes the roots u; `first` (z, d, u) ->
     value (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
     triangle of the Hessian of l' value.  Compiled, each may take several instances at
-    once, as columns: see `of_columns`.  rows, unknowns, data, roots, arguments: lengths
+    once, as columns: see `OfColumns`.  rows, unknowns, data, roots, arguments: lengths
     of value, z, d, u, a; equations: how many roots u are; compiled, solver: return the
     functions, waiting for compilers that still run.
     """
@@ -66,13 +66,24 @@ class TermFunction:
 
         z (unknowns, k), d (data, k); weights: of `second` the multipliers (rows, k).
         """
-        u = np.zeros((0, z.shape[1]))
-        if self.solver:
-            (a,) = of_columns(self.part("arguments"), z, d)
-            each = self.arguments // self.equations
-            (u,) = of_columns(self.solver(), a.reshape((each, -1), order="F"))
-            u = u.reshape((self.roots, -1), order="F")
-        return of_columns(self.part(name), z, d, u, *weights)
+        return self.evaluator(name, z.shape[1])(z, d, *weights)
+
+    def evaluator(self, name: str, instances: int) -> Callable:
+        """Return `evaluated` of a part for so many instances, to be called often."""
+        part = OfColumns(self.part(name), instances)
+        if not self.solver:
+            none = np.zeros((0, instances))
+            return lambda z, d, *weights: part(z, d, none, *weights)
+        arguments = OfColumns(self.part("arguments"), instances)
+        solve = OfColumns(self.solver(), instances * self.equations)
+        each = self.arguments // self.equations
+
+        def evaluate(z, d, *weights) -> list[np.ndarray]:
+            (a,) = arguments(z, d)
+            (u,) = solve(a.reshape((each, -1), order="F"))
+            return part(z, d, u.reshape((self.roots, -1), order="F"), *weights)
+
+        return evaluate
 
 
 @dataclass
@@ -189,19 +200,30 @@ def term_function_named(name: str, derive, function, sizes, order) -> TermFuncti
         ) from error  # fmt: skip
 
 
-def of_columns(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Return what a function, of one column or several at once, returns for columns.
+class OfColumns:
+    """A function of one column or several at once, for arrays of so many columns.
 
     One of several is given the last column again until its calls are full.
     """
-    columns = arguments[0].shape[1]
-    filled = np.minimum(np.arange(padded(columns)), columns - 1)
-    inputs = [array.T[filled].ravel().astype(float) for array in arguments]
-    rows = map(function.size1_out, range(function.n_out()))
-    results = [np.zeros(len(filled) * count) for count in rows]
-    evaluate, _ = between_slices(function, columns, inputs, results)
-    evaluate()
-    return [array.reshape(len(filled), -1)[:columns].T for array in results]
+
+    def __init__(self, function: ca.Function, columns: int):
+        self._columns = columns
+        self._filled = np.minimum(np.arange(padded(columns)), columns - 1)
+        rows_in = map(function.size1_in, range(function.n_in()))
+        rows_out = map(function.size1_out, range(function.n_out()))
+        self._inputs, self._results = (
+            [np.zeros((len(self._filled), count)) for count in rows]
+            for rows in (rows_in, rows_out)
+        )
+        flat = ([a.ravel() for a in arrays] for arrays in (self._inputs, self._results))
+        self._evaluate, self._alive = between_slices(function, columns, *flat)
+
+    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Return the results, columns as those of the arguments."""
+        for mine, given in zip(self._inputs, arguments, strict=True):
+            mine[:] = given.T[self._filled]
+        self._evaluate()
+        return [array[: self._columns].T.copy() for array in self._results]
 
 
 def padded(instances: int) -> int:
