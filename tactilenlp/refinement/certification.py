@@ -122,8 +122,10 @@ def certified(best: Solved, solved, like, certify) -> tuple[Solved, list[Solved]
         best = certify(flat)
         if best.window.motion is not flat.window.motion:
             return best, [flat, *others]
-        solved = [best, *restored_as(best, others)]
-        likeliest = most_probable(solved)
+        solved, likeliest = [best, *others], best
+        with best.job.deadline.ending("evidence of other optima"):
+            solved = [best, *restored_as(best, others)]
+            likeliest = most_probable(solved)
     return best, solved
 
 

@@ -82,11 +82,11 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
     """Return the estimate of the class with the largest evidence, and its table.
 
     classes: Shapes; solver: an estimation.solver.ClassSolver, whose estimates may raise
-    TactileError; the time limit is shared by the classes that are left, of which
-    none begins without MIN_CLASS_TIME; start: of the classes that it fits, StartError
-    if of none.  Raises the error of the first class if
-    none has an estimate, and a PageError, which is a fault of the page.  The poses of
-    the likeliest class are a second start of the others.
+    TactileError; the time limit is shared by the classes that are left, of which none
+    begins without MIN_CLASS_TIME; start: of the classes that it fits, StartError if of
+    none.  Raises the error of the first class if none has an estimate, and a PageError,
+    which is a fault of the page.  The poses of the likeliest class are a second start
+    of the others.
     """
     check_types(start=(start, (Estimate, Guess, type(None))))
     if start is not None and not any(_starts_from(start, shape) for shape in classes):

@@ -113,8 +113,8 @@ def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
         return solves
     gain, needed = _gain_and_need(best, freed[0], nuisance, touches.spread)
     if gain <= needed:
-        unknown = "" if freed[0].solution.success else "(its solve failed) "
-        return [declined(best, name, gain, needed, unknown), *others]
+        bound = "" if freed[0].solution.success else "at least "  # its solve failed
+        return [declined(best, name, gain, needed, bound), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
     first = without_needless(replace(freed[0], declined=best.declined))
     return [first, *freed[1:], *solves]
