@@ -1,5 +1,8 @@
 """What is known of a polytope: its axes, sigma, parts of the information, planes."""
 
+from itertools import product
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from programmes import octahedron
@@ -7,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from tactilenlp import face_sigma, solve_estimate, vertex_information
 from tactilenlp.information.information import LEAST_DEVIATION
+from tactilenlp.information.laplace_approximation import of_other_hulls
+from tactilenlp.information.tangent_space import slope_of_centroid
 
 
 @pytest.fixture(scope="module")
@@ -27,17 +32,43 @@ def test_the_axes_are_those_of_the_world_at_the_last_sample(hull):
     assert information.path[-1, :3] == pytest.approx(sigma, rel=0.05)
 
 
-def test_sigma_turns_with_the_recording(slid, hull):
+@pytest.mark.parametrize(("degrees", "whole"), [(50, False), (90, True)])
+def test_sigma_turns_with_the_recording(slid, hull, degrees, whole):
+    """Other optima, at angles that are not exact, may be found or not by rounding."""
     data, scene, _ = slid
-    turn = Rotation.from_euler("z", 50, degrees=True).as_matrix()
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix().round(15)
     turned = solve_estimate(
         data.transformed(turn, np.zeros(3)), scene, shape="polytope"
     )
     both = []
     for e in (hull, turned):
         J = e.information.maps["position"]
-        both.append(J @ e.information.covariance_matrix @ J.T)
+        of = e.information if whole else e.information.of_hessian()
+        both.append(J @ of.covariance_matrix @ J.T)
     assert both[1] == pytest.approx(turn @ both[0] @ turn.T, rel=0.05, abs=1e-9)
+
+
+def test_other_hulls_add_what_their_evidence_makes_probable():
+    """Of a cube, and one that is 2 mm lower, e times less probable; by hand."""
+    cube = np.array([*product((-0.02, 0.02), (-0.02, 0.02), (0.0, 0.04))])
+    J = slope_of_centroid(cube)
+
+    def solved(vertices, cost):
+        at = SimpleNamespace(vertices=vertices, R_wg=np.eye(3))
+        tangent = SimpleNamespace(maps={"position": J})
+        return SimpleNamespace(linearised=at, cost=cost, occam=3.0, tangent=tangent)
+
+    best, lower = solved(cube, 5.0), solved(cube * [1, 1, 0.95], 6.0)
+    top = np.repeat(cube[:, 2] > 0, 3)
+    C = np.diag(np.where(top, 1e-6, 1e-12))  # the bottom is known
+    assert not of_other_hulls(best, (), C).any()
+    assert not of_other_hulls(best, [solved(cube, 5.5)], C).any()  # the same body
+    added = of_other_hulls(best, [lower, lower], C)
+    share = np.exp(-1) / (1 + np.exp(-1))
+    expected = np.diag([0.0, 0.0, share * 0.001**2])
+    assert J @ added @ J.T == pytest.approx(expected, abs=1e-12)
+    assert added[top].any()
+    assert np.abs(added[~top]).max() < 1e-4 * np.abs(added).max()
 
 
 def test_parts_of_the_information_add_up_where_no_bound_holds_a_vertex(hull):

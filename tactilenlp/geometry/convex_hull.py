@@ -180,6 +180,12 @@ def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
     return closest[best, np.arange(n)], simplices[best]
 
 
+def hausdorff_distance(a, b) -> float:
+    """Return how far two hulls, each by points on its surface (n, 3), are apart [m]."""
+    ways = (nearest_points(b, a) - a, nearest_points(a, b) - b)
+    return max(float(np.linalg.norm(way, axis=1).max()) for way in ways)
+
+
 def nearest_in_hull(points, centre) -> np.ndarray:
     """Return the points of the hull of `points` nearest to each centre (n, 3)."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)

@@ -12,13 +12,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.convex_hull import centroid
+from ..geometry.convex_hull import centroid, hausdorff_distance
 from ..nlp.kkt import KKTSystem
 from .error_budget import errors_by_name, summed, variances_by_name
 from .error_budget_terms import beyond_mixture
 from .information import LEAST_DEVIATION, Information
 from .linearisation import Linearisation, Response
-from .mixture import LocalOptimum, bounded, distinct_modes, laplace_mixture, one_mode
+from .mixture import (
+    SAME_MODE,
+    LocalOptimum,
+    bounded,
+    distinct_modes,
+    laplace_mixture,
+    one_mode,
+)
 from .tangent_space import inverse, known_faces, open_directions, slope_of_centroid
 from .trajectory import (
     deviations_of_path,
@@ -39,13 +46,13 @@ def information_of(
     """Return the information about shape and last pose of a search's Solved page.
 
     faces: how many samples touched each, (axes, 2) of a box; others: LocalOptima of the
-    same data, of a shape with sizes.
+    same data, of a polytope Solved pages.
     """
     kkt, tangent = linearisation.kkt, solved.tangent
     by_ground, ground = response_to_ground(linearisation, tangent)
     response = linearisation.response(tangent.chosen, tangent.jacobian, by_ground)
     if solved.window.shape.of_vertices:
-        fields, errors = _of_vertices(response, solved, faces)
+        fields, errors = _of_vertices(response, solved, faces, others)
     else:
         fields, errors = _of_sizes(response, solved, faces, others)
     by_gradient, matrix = response.by_gradient, fields["matrix"]
@@ -105,17 +112,23 @@ def sizes_at_bounds(solved: Solved) -> np.ndarray:
     return deviations
 
 
-def _of_vertices(response: Response, solved: Solved, faces) -> tuple:
+def _of_vertices(response: Response, solved: Solved, faces, others) -> tuple:
     """Return fields of the Information about vertices, and the errors (k, k) by name.
 
-    Some of them a bound holds, by the ground: these vary by LEAST_DEVIATION.
+    Some of them a bound holds, by the ground: these vary by LEAST_DEVIATION.  others:
+    Solved pages of other hulls.
     """
     linearisation, C = response.linearisation, response.hessian
     linearisation.job.deadline.check()
     floor = LEAST_DEVIATION**2 * np.eye(len(C))
     errors = errors_by_name(response) | {"active bounds": floor}
+    besides = of_other_hulls(solved, others, summed(errors))
+    errors |= {"other optima": besides}
     covariance, V = summed(errors), solved.solution.values["theta"].T
-    path = trajectory_variance(linearisation, (centroid(V), slope_of_centroid(V)))
+    maps = solved.tangent.maps
+    of_end = besides, np.concatenate([maps["position"], maps["rotation"]])
+    middle = centroid(V), slope_of_centroid(V)
+    path = trajectory_variance(linearisation, middle, of_end)
     missing = int(np.count_nonzero(faces == 0))
     words = (f"{missing} of {len(faces)} faces never touched",) if missing else ()
     negative = np.linalg.eigvalsh(C)[0] < -(LEAST_DEVIATION**2)
@@ -126,6 +139,29 @@ def _of_vertices(response: Response, solved: Solved, faces) -> tuple:
         "indefinite": ("vertices",) if negative else (),
     }  # fmt: skip
     return fields, errors
+
+
+def of_other_hulls(solved: Solved, others, C) -> np.ndarray:
+    """Return what other hulls of the same data add to the covariance C (k, k) [m^2].
+
+    sum_m w_m d_m d_m', with d_m = C J' (J C J')^-1 off_m, the likeliest change of the
+    vertices that moves the centroid, whose slopes are J (3, k), to that of hull m, and
+    w_m the share of its evidence in that of all, as of a mixture of boxes (mixture.py).
+    others: Solved pages, of any number of vertices.
+    """
+    hulls, several = [solved.linearised.vertices], [solved]
+    for other in others:
+        V = other.linearised.vertices
+        if all(hausdorff_distance(V, hull) > SAME_MODE for hull in hulls):
+            hulls, several = [*hulls, V], [*several, other]
+    evidence = -np.array([one.cost + one.occam for one in several])
+    weights = np.exp(evidence - evidence.max())
+    weights /= weights.sum()
+    best, *middles = map(centroid, hulls)
+    off = (np.reshape(middles, (-1, 3)) - best) @ solved.linearised.R_wg.T
+    J = solved.tangent.maps["position"]
+    d = off @ np.linalg.solve(J @ C @ J.T, J @ C)
+    return np.einsum("m,mi,mj->ij", weights[1:], d, d)
 
 
 def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:

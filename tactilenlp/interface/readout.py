@@ -166,8 +166,8 @@ def information_in_time(job, solved, faces, modes=()) -> Information:
         kkt = solved.built.kkt_at(solved.solution, job.deadline)
         job.deadline.check()
         linearisation = Linearisation(kkt, job, solved.window)
-        optima = [] if job.shape.of_vertices else [mode.optimum for mode in modes]
-        return information_of(linearisation, solved, faces, optima)
+        others = modes if job.shape.of_vertices else [mode.optimum for mode in modes]
+        return information_of(linearisation, solved, faces, others)
     except OutOfTime:
         job.deadline.omit("standard deviations")
         return information_of_prior(job, solved)
