@@ -10,17 +10,20 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
+
 from ..certificates.certify import certify
 from ..certificates.outliers import unexplained_by_action
 from ..certificates.unreduced import LEFT_OUT
 from ..local.comparison import same_body
 from ..local.local_solve import (
     built_page,
+    freed_to_tilt,
     in_motion_of,
     solved_from,
     warm_started,
 )
-from ..local.margins import RESTORED
+from ..local.margins import DECISIVE, RESTORED
 from ..local.solved import Solved, comparable
 from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
@@ -29,9 +32,11 @@ from ..tracking.surface import rotation_at
 from .axis_names import named, with_named_axes
 from .ground_tilt import with_ground_tilt
 from .model_selection import most_probable
+from .profile_deviation import VAGUE_SHARE
 from .profile_likelihood import (
     PROFILE_MU,
     profile_deviations,
+    untouched_height_sigma,
 )
 from .rocking_body import explains_touches, with_tilt
 
@@ -75,7 +80,33 @@ def with_profiles(best) -> Solved:
         again = restore_reductions(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
         profile, _ = profile_deviations(best, seeks=False)
-    return replace(best, profile=profile)
+    return with_height_open(replace(best, profile=profile))
+
+
+def with_height_open(flat) -> Solved:
+    """Return a solve with profiles: in free motion where this opens a height, or flat.
+
+    Felt normals lean where fingers meet the rim of the top, which tells the height of a
+    flat body, and where the body tilts, which leaves it open.  The evidence of free
+    motion is larger by what the objective falls, and by the log of how much wider the
+    height is: as any larger model, it must be decisively likelier.
+    """
+    told = untouched_height_sigma(flat)
+    if told is None or told >= VAGUE_SHARE * flat.job.shape.typical_deviation:
+        return flat
+    if not flat.job.fixes("planar") or flat.job.deadline.passed("a height left open"):
+        return flat
+    free = flat.job.with_reductions(planar=False)
+    tilted = restore_reductions(freed_to_tilt(free, flat))
+    if not tilted.solution.success:
+        return flat
+    profile, _ = profile_deviations(tilted, seeks=False)
+    tilted = replace(tilted, profile=profile)
+    if (wider := untouched_height_sigma(tilted)) is None:
+        return flat
+    gain = flat.solution.objective - tilted.solution.objective + np.log(wider / told)
+    log.info("a tilt that leaves the height open is likelier by %.1f nats", gain)
+    return tilted if gain > DECISIVE else flat
 
 
 def restore_reductions(solved) -> Solved:

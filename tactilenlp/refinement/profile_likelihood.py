@@ -51,6 +51,7 @@ from .profile_deviation import VAGUE_SHARE, Point, Profile
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
 NOISE_FACTOR = 2.0  # [-] of the sigma of their means, for noisy fingers
 KNOWN_POSITION = 1e-3  # [m] a larger sigma of a position needs no profile
+HEIGHT = 2  # the axis of a box that is vertical where it lies as it was told
 ANY_YAW = np.pi / 2 / np.sqrt(12)  # [rad] deviation of a uniform yaw of a box
 # IPOPT's mu_init where a size is held elsewhere, with the optimum's multipliers: 73
 # iterations in 27 solves, up to 0.6 nats above the best (105 from 1e-1 without them)
@@ -144,6 +145,20 @@ def touched_ends(shape, solved) -> np.ndarray | None:
     faces = solved.touched
     faces[2, 0] += KNOWN_FACE * (solved.job.scene.ground is not None)
     return faces
+
+
+def untouched_height_sigma(solved) -> float | None:
+    """Return the sigma [m] of the height of a box whose top no finger felt, or None.
+
+    By its profile or the Hessian, the larger one.  solved: with profiles.
+    """
+    shape, faces = solved.job.shape, touched_ends(solved.job.shape, solved)
+    if faces is None or not shape.faced or faces[HEIGHT].min() >= KNOWN_FACE:
+        return None
+    chosen = final_unknowns(solved.problem)[HEIGHT : HEIGHT + 1]
+    variance = solved.kkt.marginal(chosen)[0, 0]
+    by_hessian = np.sqrt(variance) if variance > 0 else np.inf
+    return float(max(by_hessian, abs(solved.profile[HEIGHT, HEIGHT])))
 
 
 def faces_sigma(job, touched) -> float:
