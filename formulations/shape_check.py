@@ -263,10 +263,9 @@ def _of_mesh(mesh, signed, points):
             "distance of the mesh's points", _mm(off), f"0 to {_mm(OFF)}",
             "correct mesh(theta) or the distance",
         )  # fmt: skip
-    rays = directions(100)
     missing = ca.DM([
         float(ca.mmax(d.T @ points) - ca.mmax(d.T @ corners))
-        for d in ca.horzsplit(rays)
+        for d in ca.horzsplit(directions(100))
     ])  # fmt: skip
     if (most := float(ca.mmax(missing))) > max(OFF, 0.03 * float(ca.mmax(points))):
         yield (
@@ -275,13 +274,9 @@ def _of_mesh(mesh, signed, points):
         )  # fmt: skip
 
 
+@cache
 def directions(count: int):
     """Return evenly spread unit vectors (3, count): a spherical Fibonacci lattice."""
-    return ca.DM(_lattice(count))
-
-
-@cache
-def _lattice(count: int):
     columns = []
     for i in range(count):
         z = 1 - (2 * i + 1) / count

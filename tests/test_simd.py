@@ -6,10 +6,15 @@ import pytest
 
 from tactilenlp.nlp.codegen import compiler, start_compilation
 from tactilenlp.nlp.simd import BINARY, UNARY, WIDTH, WRITTEN, can_be_vectors
-from tactilenlp.nlp.term_functions import OfColumns
+from tactilenlp.nlp.term_functions import MappedFunction
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan]
+
+
+def of_columns(function, *arguments):
+    """Return what a function returns for the columns of its arguments."""
+    return MappedFunction(lambda: function, 1, rounded=int)(*arguments)
 
 
 def operations(x, y):
@@ -57,7 +62,7 @@ def test_every_operation_gives_what_the_virtual_machine_gives(tmp_path, monkeypa
     count = given.shape[1]
     assert count % WIDTH  # the last call is not full
     found, wanted = (
-        OfColumns(function, count)(*given[:, None])[0] for function in (fast, plain)
+        of_columns(function, *given[:, None])[0] for function in (fast, plain)
     )
     for name, ours, other in zip(named, found, wanted, strict=True):
         np.testing.assert_allclose(ours, other, rtol=4e-16, err_msg=name)
@@ -74,7 +79,7 @@ def test_what_cannot_be_vectors_is_compiled_as_it_is(tmp_path, monkeypatch):
     wide = start_compilation([matrix, column], vectors=True)()
     assert [f.size2_in(0) for f in wide] == [2, WIDTH]
     assert wide[0](np.eye(2)).full().tolist() == [[1, 1]]
-    ones, below = OfColumns(wide[1], 3)(np.ones((2, 3)))
+    ones, below = of_columns(wide[1], np.ones((2, 3)))
     assert ones.tolist() == [[np.inf] * 3]
     assert below.tolist() == [[-np.inf] * 3]
 
@@ -97,8 +102,8 @@ def test_functions_that_are_called_again_and_again_are_vectors_too(
     assert fast.size2_in(0) == WIDTH
     given = np.random.default_rng(1).normal(size=(3, 11))
     for ours, other in zip(
-        OfColumns(fast, 11)(given[:2], given[2:]),
-        OfColumns(whole, 11)(given[:2], given[2:]),
+        of_columns(fast, given[:2], given[2:]),
+        of_columns(whole, given[:2], given[2:]),
         strict=True,
     ):
         np.testing.assert_array_equal(ours, other)

@@ -86,7 +86,8 @@ class Deadline:
     def marked(self, status: str) -> str:
         """Return a status, with what was left out for lack of time."""
         left_out = ", ".join(self.omitted)
-        return f"{status}, {TIME_LIMIT}{left_out}" if left_out else status
+        before = ", " if TIME_LIMIT in status else f", {TIME_LIMIT}"
+        return f"{status}{before}{left_out}" if left_out else status
 
     def check(self) -> None:
         """Raise OutOfTime if the deadline is strict and has passed."""

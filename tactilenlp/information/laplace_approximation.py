@@ -11,13 +11,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import softmax
 
 from ..geometry.convex_hull import centroid, hausdorff_distance
 from ..nlp.kkt import KKTSystem
 from .error_budget import errors_by_name, summed, variances_by_name
 from .error_budget_terms import beyond_mixture
 from .information import LEAST_DEVIATION, Information
-from .linearisation import Linearisation, Response
+from .linearisation import Linearisation, Response, vertices_at_end
 from .mixture import (
     SAME_MODE,
     LocalOptimum,
@@ -149,14 +150,12 @@ def of_other_hulls(solved: Solved, others, C) -> np.ndarray:
     w_m the share of its evidence in that of all, as of a mixture of boxes (mixture.py).
     others: Solved pages, of any number of vertices.
     """
-    hulls, several = [solved.linearised.vertices], [solved]
+    hulls, several = [vertices_at_end(solved.solution.values)], [solved]
     for other in others:
-        V = other.linearised.vertices
+        V = vertices_at_end(other.solution.values)
         if all(hausdorff_distance(V, hull) > SAME_MODE for hull in hulls):
             hulls, several = [*hulls, V], [*several, other]
-    evidence = -np.array([one.cost + one.occam for one in several])
-    weights = np.exp(evidence - evidence.max())
-    weights /= weights.sum()
+    weights = softmax([-one.cost - one.occam for one in several])
     best, *middles = map(centroid, hulls)
     off = (np.reshape(middles, (-1, 3)) - best) @ solved.linearised.R_wg.T
     J = solved.tangent.maps["position"]

@@ -20,6 +20,7 @@ from formulations.names import TOUCH_TERM
 
 from ..data.ground import frame_of
 from ..data.sensor_noise import reported_late
+from ..geometry.transforms import is_planar
 from ..nlp.kkt import KKTSystem
 from ..problem.job import Job
 from ..problem.window import Window
@@ -121,10 +122,7 @@ class Linearisation:
 
         Its axes are those of the frame there.
         """
-        place = self.values["x"][:3, -1].copy()
-        if self.window.motion.name == "planar":
-            place[2] = 0.0
-        return self.values["theta"].T + place
+        return vertices_at_end(self.values)
 
     def response(self, chosen, jacobian, by_ground=0.0) -> Response:
         """Return the response of J z, with J (k, n) and z (n,) the chosen unknowns.
@@ -168,6 +166,15 @@ class Response:
         data = self.linearisation.job.data
         columns = self.by_gradient, self.by_constraint
         return sensitivity_to_measurements(terms, data, *columns)
+
+
+def vertices_at_end(values: dict) -> np.ndarray:
+    """Return the vertices (V, 3) [m] of a polytope at the last sample, ground frame.
+
+    values: the unknowns by name, SI.
+    """
+    x = values["x"][:3, -1]
+    return values["theta"].T + (x * (1, 1, 0) if is_planar(values["x"]) else x)
 
 
 def kkt_residual(problem, kkt: KKTSystem, data=None) -> tuple[np.ndarray, np.ndarray]:

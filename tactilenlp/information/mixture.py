@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import gammaln
+from scipy.special import gammaln, softmax
 
 from formulations.rigid_body import ARM
 
@@ -211,8 +211,7 @@ def laplace_mixture(shape, optima, errors=None) -> Modes:
     unit = np.outer(*[_units(shape, len(optima[0].z))] * 2) / SAME_MODE**2
     closed = [bounded_pose(C, shape.theta) for C in covariances]
     evidence = np.array([_log_volume(C * unit) for C in closed]) - objectives
-    weights = np.exp(evidence - evidence.max())
-    weights /= weights.sum()
+    weights = softmax(evidence)
     weights[1:] *= weights[1:] >= NEGLIGIBLE_WEIGHT
     if errors is not None:
         covariances[0] = errors

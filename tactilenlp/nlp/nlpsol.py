@@ -16,7 +16,6 @@ are exact, from the derivatives of the terms: no chain of steps is differentiate
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -79,22 +78,13 @@ class Eliminated:
         """
         x, scale = x.copy(), self.problem.scale
         x[self.dependent] = 0.0  # residuals are then what is computed, without rounding
-        for (name, rows), evaluate in zip(self.rounds, self._evaluators, strict=True):
+        for name, rows in self.rounds:
             term = self.problem.constraints[name]
             z, d = x[term.unknowns[rows]], data[term.data[rows]]
-            residual = evaluate(z.T, d.T)[0].T
+            residual = term.function.evaluated("first", z.T, d.T)[0].T
             columns = self.problem.dependent[name][rows]
             x[columns] += residual * scale[columns]
         return x
-
-    @cached_property
-    def _evaluators(self) -> list[Callable]:
-        """What evaluates the constraints of every round."""
-        terms = self.problem.constraints
-        return [
-            terms[name].function.evaluator("first", len(rows))
-            for name, rows in self.rounds
-        ]
 
     def multipliers(self, x, data, lam_g) -> np.ndarray:
         """Return the multipliers of all constraints, given those that are kept."""

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -27,6 +28,7 @@ from .compilation import LEAST_COMPILE_TIME, time_for_compilation
 from .derivation import PARTS, derivatives, expressions_of, values
 from .simd import WIDTH
 
+TERM_SIZES = 2  # numbers of instances for which a term function keeps arrays
 REMEDIES = {  # of what keeps a function from being traced, by words of the error
     "truth value": "write casadi.if_else(condition, a, b), casadi.fmax or casadi.fmin",
     "positional argument": "the function takes each argument of the term, in order",
@@ -41,9 +43,9 @@ class TermFunction:
     `arguments` (z, d) -> a, of which `solver` makes the roots u; `first` (z, d, u) ->
     value (m,), nonzeros of the Jacobian; `second` (z, d, u, l) -> nonzeros of the upper
     triangle of the Hessian of l' value.  Compiled, each may take several instances at
-    once, as columns: see `OfColumns`.  rows, unknowns, data, roots, arguments: lengths
-    of value, z, d, u, a; equations: how many roots u are; compiled, solver: return the
-    functions, waiting for compilers that still run.
+    once, as columns (`MappedFunction`).  rows, unknowns, data, roots, arguments:
+    lengths of value, z, d, u, a; equations: how many roots u are; compiled, solver:
+    return the functions, waiting for compilers that still run.
     """
 
     rows: int
@@ -66,24 +68,23 @@ class TermFunction:
 
         z (unknowns, k), d (data, k); weights: of `second` the multipliers (rows, k).
         """
-        return self.evaluator(name, z.shape[1])(z, d, *weights)
+        u = np.zeros((0, z.shape[1]))
+        if self.solver:
+            (a,) = self._mapped["arguments"](z, d)
+            each = self.arguments // self.equations
+            (u,) = self._mapped["roots"](a.reshape((each, -1), order="F"))
+            u = u.reshape((self.roots, -1), order="F")
+        return self._mapped[name](z, d, u, *weights)
 
-    def evaluator(self, name: str, instances: int) -> Callable:
-        """Return `evaluated` of a part for so many instances, to be called often."""
-        part = OfColumns(self.part(name), instances)
-        if not self.solver:
-            none = np.zeros((0, instances))
-            return lambda z, d, *weights: part(z, d, none, *weights)
-        arguments = OfColumns(self.part("arguments"), instances)
-        solve = OfColumns(self.solver(), instances * self.equations)
-        each = self.arguments // self.equations
-
-        def evaluate(z, d, *weights) -> list[np.ndarray]:
-            (a,) = arguments(z, d)
-            (u,) = solve(a.reshape((each, -1), order="F"))
-            return part(z, d, u.reshape((self.roots, -1), order="F"), *weights)
-
-        return evaluate
+    @cached_property
+    def _mapped(self) -> dict[str, MappedFunction]:
+        """The functions by their names in PARTS, and "roots", for any number."""
+        functions = {name: partial(self.part, name) for name in PARTS}
+        functions["roots"] = self.solver
+        return {
+            name: MappedFunction(function, TERM_SIZES, rounded=int)
+            for name, function in functions.items()
+        }
 
 
 @dataclass
@@ -200,30 +201,39 @@ def term_function_named(name: str, derive, function, sizes, order) -> TermFuncti
         ) from error  # fmt: skip
 
 
-class OfColumns:
-    """A function of one column or several at once, for arrays of so many columns.
+class MappedFunction:
+    """A function of columns, applied to any number of them; each thread has arrays.
 
-    One of several is given the last column again until its calls are full.
+    compiled: returns it, after its compiler has ended; sizes: numbers of columns, of
+    all threads, for which arrays are kept, each number `rounded`.
     """
 
-    def __init__(self, function: ca.Function, columns: int):
-        self._columns = columns
-        self._filled = np.minimum(np.arange(padded(columns)), columns - 1)
-        rows_in = map(function.size1_in, range(function.n_in()))
-        rows_out = map(function.size1_out, range(function.n_out()))
-        self._inputs, self._results = (
-            [np.zeros((len(self._filled), count)) for count in rows]
-            for rows in (rows_in, rows_out)
-        )
-        flat = ([a.ravel() for a in arrays] for arrays in (self._inputs, self._results))
-        self._evaluate, self._alive = between_slices(function, columns, *flat)
+    def __init__(
+        self, compiled: Callable[[], ca.Function], sizes: int, rounded: Callable
+    ):
+        self._compiled, self._rounded = compiled, rounded
+        self._arrays = lru_cache(sizes)(self._new_arrays)  # with what evaluates them
 
-    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """Return the results, columns as those of the arguments."""
-        for mine, given in zip(self._inputs, arguments, strict=True):
-            mine[:] = given.T[self._filled]
-        self._evaluate()
-        return [array[: self._columns].T.copy() for array in self._results]
+    def __call__(self, *columns: np.ndarray) -> list[np.ndarray]:
+        """Return the results (rows, S); columns: (rows, S), or (rows,) for all."""
+        count = max(array.shape[1] for array in columns if array.ndim == 2)
+        arrays = self._arrays(threading.get_ident(), self._rounded(count))
+        read, written, evaluate, _ = arrays
+        for whole, array in zip(read, columns, strict=True):
+            whole[:count] = array.T
+            whole[count:] = whole[count - 1]
+        evaluate()
+        return [np.array(whole[:count].T, order="C") for whole in written]  # copies
+
+    def _new_arrays(self, thread: int, count: int) -> tuple:
+        """Return arrays for so many columns, what evaluates them, and what it needs."""
+        function, rows = self._compiled(), padded(count)
+        read = [np.zeros((rows, function.size1_in(k))) for k in range(function.n_in())]
+        written = [
+            np.zeros((rows, function.size1_out(k))) for k in range(function.n_out())
+        ]
+        views = ([a.ravel() for a in arrays] for arrays in (read, written))
+        return read, written, *between_slices(function, count, *views)
 
 
 def padded(instances: int) -> int:

@@ -169,13 +169,13 @@ def restored_as(best: Solved, others) -> list[Solved]:
     left_out = {name: getattr(made, name) for name in LEFT_OUT}
     several, solves = comparable(best, others), []
     for s in others:
+        if s in several and same_body(shape, s.at, best.at):
+            continue
         job = replace(s.job.with_reductions(**left_out), cuts=cuts)
         alike = job.reductions == s.job.reductions and cuts == s.job.cuts
-        if s not in several:
-            solves.append(s)
-        elif not same_body(shape, s.at, best.at):
-            late = job.deadline.passed("restored reductions of other optima")
-            solves.append(s if alike or late else warm_started(job, s))
+        kept = s not in several or alike
+        late = not kept and job.deadline.passed("restored reductions of other optima")
+        solves.append(s if kept or late else warm_started(job, s))
     return solves
 
 

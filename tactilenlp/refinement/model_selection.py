@@ -15,7 +15,7 @@ import numpy as np
 
 from formulations.shape import Shape
 
-from ..common.deadline import TIME_LIMIT, Deadline
+from ..common.deadline import Deadline
 from ..common.validation import check_types
 from ..errors import Interrupted, OptionError, PageError, StartError, TactileError
 from ..information.error_budget import PRIORS
@@ -120,8 +120,6 @@ def likeliest_class(classes, solver, start, options) -> Estimate:
     best = _best_of(estimates)
     seconds = best.seconds | {"total": time.process_time() - began}
     odds, status = odds_of(estimates.values(), failed), deadline.marked(best.status)
-    if TIME_LIMIT in best.status:  # the class's own limit
-        status = ", ".join([best.status, *deadline.omitted])
     return replace(best, seconds=seconds, status=status, classes=odds)
 
 

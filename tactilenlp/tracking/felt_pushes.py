@@ -12,7 +12,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from .mapped import MappedFunction, map_columns, of_columns
+from ..nlp.term_functions import MappedFunction
+from .mapped import map_columns, of_columns
 from .pushing import Move, felt_push_motion
 from .tracks import PRESS
 

@@ -12,8 +12,9 @@ from functools import cache
 
 import casadi as ca
 
+from ..nlp.term_functions import MappedFunction
 from .geometry import upright_surface
-from .mapped import MappedFunction, map_columns, of_columns
+from .mapped import map_columns, of_columns
 from .process_noise import (
     ADDED_VARIANCE,
     LAST_SHARE,

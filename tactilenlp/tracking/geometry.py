@@ -15,7 +15,8 @@ import numpy as np
 
 from formulations.shape import Shape
 
-from .mapped import MappedFunction, map_columns, of_columns
+from ..nlp.term_functions import MappedFunction
+from .mapped import map_columns, of_columns
 
 EDGE_SHARE = 0.1  # [radius] rounding of edges, as in pages
 LEAST_FOOT = 2e-3  # [m] half width of the support
