@@ -17,13 +17,7 @@ from formulations.page_contract import contract_of
 from formulations.polytope import COUNTS, polytope
 from tactilenlp import Options, Scene, solve_estimate, surface_distance
 from tactilenlp.common.deadline import NEVER, Deadline
-from tactilenlp.geometry.convex_hull import vertices_behind
-from tactilenlp.geometry.simplification import (
-    holds_origin,
-    with_counts,
-    with_fewer_faces,
-    without_touch,
-)
+from tactilenlp.geometry.simplification import with_counts
 from tactilenlp.information.mixture import (
     occam_factor,
     occam_of_hull,
@@ -122,8 +116,9 @@ def fit_of(cost: float, occam: float, count: int = 4) -> SimpleNamespace:
 
 
 def job_of(counts, deadline=NEVER) -> SimpleNamespace:
-    """Return a job of which no more than its counts and its deadline are told."""
-    return SimpleNamespace(deadline=deadline, shape=SimpleNamespace(counts=counts))
+    """Return a job of which counts, a deadline and one sample's action are told."""
+    shape, data = replace(polytope(), counts=(*counts,)), SimpleNamespace(action=[0])
+    return SimpleNamespace(deadline=deadline, shape=shape, data=data)
 
 
 def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
@@ -131,7 +126,7 @@ def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
 
     def fit(count):
         asked.append(count)
-        return fit_of(cost=5.0 if count >= 8 else 900.0, occam=4.0 * count)
+        return fit_of(5.0 if count >= 8 else 900.0, 4.0 * count, count)
 
     fitted_by(monkeypatch, fit)
     best, *_ = likeliest(job_of(COUNTS), ["hull"])
@@ -192,45 +187,6 @@ def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_wo
     assert [h.theta.size // 3 for h in solved] == [6, 16]
 
 
-def test_vertices_go_without_which_touches_stay_where_they_are():
-    """Eight touched corners of a cube stay, of many points on its faces none."""
-    rng = np.random.default_rng(5)
-    on_faces = rng.uniform(-0.8, 0.8, (40, 3))
-    axis = rng.integers(3, size=40)
-    on_faces[np.arange(40), axis] = np.where(rng.random(40) < 0.5, -1.01, 1.01)
-    fingers = CUBE * (1 + 5e-3 / 0.02)  # beyond the corners, along the diagonals
-    left = without_touch(np.vstack([CUBE, 0.02 * on_faces]), fingers, 8)
-    assert len(left) == 8
-    assert np.linalg.norm(left[:, None] - CUBE, axis=2).min(axis=0).max() < 1e-12
-
-
-def test_faces_that_cut_off_little_go_first():
-    """An octahedron whose corners and edges are cut off has eight faces again."""
-    octahedron = 0.03 * np.vstack([np.eye(3), -np.eye(3)])
-    face = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T / np.sqrt(3)
-    edge = np.array([[1, 1, 0], [1, 0, 1], [0, 1, -1]]) / np.sqrt(2)
-    normals = np.vstack([face, edge, np.eye(3), -np.eye(3)])
-    offsets = np.r_[np.full(8, 0.03 / 3**0.5), np.full(3, 0.0208), np.full(6, 0.0285)]
-    cut = vertices_behind(np.c_[normals, offsets])
-    assert len(cut) > 12
-    *_, body = with_fewer_faces(cut, [12, 8])
-    assert len(body) == 6
-    apart = np.linalg.norm(body[:, None] - octahedron, axis=2)
-    assert apart.min(axis=1).max() < 1e-9
-
-
-def test_faces_that_close_no_body_end_the_list():
-    assert len(with_fewer_faces(CUBE, [6, 5, 4])) == 1
-
-
-def test_planes_that_hardly_meet_close_no_body():
-    """Rounding once put a corner 6e13 m away: the origin 1e-15 inside of a facet."""
-    facets = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]])
-    for depth in (0.0, 1e-15, 1e-3):
-        assert not holds_origin(20 * facets - [0, 0, depth])
-    assert holds_origin(20 * np.vstack([facets, [0, 0, -1.0]]))
-
-
 def test_a_start_that_touches_contradict_more_than_a_fit_costs_is_left_out(monkeypatch):
     asked = []
 
@@ -243,6 +199,24 @@ def test_a_start_that_touches_contradict_more_than_a_fit_costs_is_left_out(monke
     monkeypatch.setattr(vertex_number, "with_fewer_vertices", fits)
     likeliest(job_of([4]), ["hull"])
     assert asked == [0.0, 5.9]
+
+
+def test_fits_end_where_they_come_to_a_known_body(monkeypatch):
+    """A second hull leads to the cube as well, a third one to another body."""
+    asked, bodies = [], (CUBE, CUBE.copy(), 1.1 * CUBE)
+
+    def fits(job, start, counts):
+        for corners in (start.theta, CUBE[:4]):
+            asked.append(start)
+            fit = fit_of(5.0, 1.0)
+            fit.at = replace(fit.at, theta=corners.ravel())
+            yield fit
+
+    starts = [replace(fit_of(0.0, 0.0).at, theta=V) for V in bodies]
+    monkeypatch.setattr(vertex_number, "starts_of", lambda *_: starts)
+    monkeypatch.setattr(vertex_number, "with_fewer_vertices", fits)
+    likeliest(job_of([8, 4]), ["hull"])
+    assert [starts.index(one) for one in asked] == [0, 0, 1, 2, 2]
 
 
 def test_a_fixed_number_of_vertices_is_kept_and_none_is_compared_afloat():

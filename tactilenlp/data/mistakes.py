@@ -23,7 +23,7 @@ import numpy as np
 from ..errors import MistakeError
 from .contact_segments import tracked_samples
 from .measurements import Measurements
-from .plausibility import jumps_of, log_likelihood, most_log_likelihood
+from .plausibility import TERMS, jumps_of, log_likelihood, most_log_likelihood
 from .scene import Scene
 from .sensor_noise import precision_of
 from .touch_events import Record
@@ -97,20 +97,26 @@ def most_likely(
     """Return the most likely mistake, its gain [nats], and the limit of a gain.
 
     every: evaluate also mistakes whose gain cannot exceed the limit, since the terms
-    that they change are near the most that they can be; alpha [1]: of a false alarm.
+    that they change are near the most that they can be, or since no others than kinks
+    gain by them; alpha [1]: of a false alarm.
     """
     recorded, mistakes = log_likelihood(record), [*mistakes_of(record)]
     limit = float(np.log(len(mistakes) / alpha))
     best, most = None, -np.inf
     for one in mistakes:
+        names = [*(TERMS if one.terms is None else one.terms)]
         if not every and one.terms is not None:
-            now = sum(recorded[name] for name in one.terms)
-            if most_log_likelihood(record, one.terms) - now < limit:
+            now = sum(recorded[name] for name in names)
+            if most_log_likelihood(record, names) - now < limit:
                 continue
-        terms = log_likelihood(one.repaired(), one.terms)
-        gains = {name: told - recorded[name] for name, told in terms.items()}
-        kinks = min(gains.pop("kinks", 0.0), limit - BY_OTHERS)
-        gain = kinks + sum(gains.values())
+        repaired, others = one.repaired(), [n for n in names if n != "kinks"]
+        told = log_likelihood(repaired, others)
+        gain = sum(told[name] - recorded[name] for name in others)
+        if len(others) < len(names):
+            if not every and gain <= BY_OTHERS:
+                continue
+            kinks = log_likelihood(repaired, ["kinks"])["kinks"] - recorded["kinks"]
+            gain += min(kinks, limit - BY_OTHERS)
         if gain > most:
             best, most = one, gain
     return best, most, limit

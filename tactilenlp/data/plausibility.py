@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 
 from .touch_events import Record
 
@@ -84,7 +84,8 @@ def of_one_rate(density, departure) -> float:
     """
     rates = np.r_[departure, RATES]
     each = np.log((1 - rates[:, None]) * density + rates[:, None]).sum(axis=1)
-    return float(logsumexp(each, b=np.r_[0.5, np.full(len(RATES), 0.5 / len(RATES))]))
+    share = np.r_[0.5, np.full(len(RATES), 0.5 / len(RATES))]
+    return float(np.logaddexp.reduce(each + np.log(share)))
 
 
 def _mean_normal(record: Record, t, f, offsets) -> np.ndarray:

@@ -159,12 +159,10 @@ def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
     p_wf = touch.p_wf.copy()
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
-    grown = linearisation.job.build(replace(window, touch=touch)).data()
-    theta, ends = problem.variables["theta"].span, []
-    for side in (1, 0, -1):
-        x = kkt.x.copy()
+    ends = ends_of(linearisation, replace(window, touch=touch))
+    theta = problem.variables["theta"].span
+    for (x, _), side in zip(ends, (1, 0, -1), strict=True):
         x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
-        ends.append((x, kkt.data + side * (grown - problem.data())))
     return _of_one(kkt, ends, RADIUS_STEP, Prior(EDGE))
 
 
@@ -197,7 +195,8 @@ def late_touches(linearisation: Linearisation) -> ConsiderParameter:
         prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, odds=0.0)
         estimated = True
     earlier = fingers_earlier(linearisation.window, job.data, LAG_STEP)
-    ends, costs = ends_of(linearisation, earlier), [*linearisation.kkt.problem.costs]
+    costs = (*linearisation.kkt.problem.costs,)
+    ends = ends_of(linearisation, earlier, costs)
     lag = _of_one(linearisation.kkt, ends, LAG_STEP, prior, costs)
     return replace(lag, besides=CONTACT_LATENCY * estimated)
 
@@ -213,9 +212,9 @@ def told_radius(linearisation: Linearisation, finger: int) -> ConsiderParameter:
         return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
 
     larger = replace(window, touch=grown(window.touch), free=grown(window.free))
-    ends = ends_of(linearisation, larger)
+    felt = tuple(n for n in (TOUCH_TERM, FREE_TERM) if n in kkt.problem.costs)
+    ends = ends_of(linearisation, larger, felt)
     prior = Prior(TOLD_RADIUS, least=-np.inf, odds=TOLD_RIGHT)
-    felt = [n for n in (TOUCH_TERM, FREE_TERM) if n in kkt.problem.costs]
     return _of_one(kkt, ends, RADIUS_STEP, prior, felt)
 
 
@@ -267,11 +266,18 @@ def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:
     return (slopes[0] - slopes[1]) / (2 * step), pull, bend
 
 
-def ends_of(linearisation: Linearisation, changed) -> list:
-    """Return unknowns and data at r = step, 0, -step; changed: the window at a step."""
-    kkt = linearisation.kkt
-    change = linearisation.job.build(changed).data() - kkt.problem.data()
-    return [(kkt.x, kkt.data + side * change) for side in (1, 0, -1)]
+def ends_of(linearisation: Linearisation, changed, names=(TOUCH_TERM,)) -> list:
+    """Return unknowns and data at r = step, 0, -step; changed: the window at a step.
+
+    names: of the costs whose data change.
+    """
+    kkt, data = linearisation.kkt, linearisation.kkt.problem.data()
+    other, change = linearisation.job.build(changed, only=names), np.zeros_like(data)
+    now = other.data()
+    for name in names:
+        places = kkt.problem.costs[name].data
+        change[places] = now[other.costs[name].data] - data[places]
+    return [(kkt.x.copy(), kkt.data + side * change) for side in (1, 0, -1)]
 
 
 def _of_one(kkt, ends, step, prior: Prior, names=(TOUCH_TERM,)) -> ConsiderParameter:

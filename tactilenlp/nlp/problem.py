@@ -68,6 +68,7 @@ class Problem:
     cache: TermFunctionCache = field(default_factory=default_cache)
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     noting: Callable = nullcontext  # see TermFunctionCache.of
+    only: tuple[str, ...] | None = None  # names of the terms that are kept, None: all
     _data: list[np.ndarray] = field(default_factory=list)
 
     # -- what a page says -------------------------------------------------------------
@@ -253,6 +254,8 @@ class Problem:
     ):  # fmt: skip
         """Keep a term among others; what has no instance is left out and costs none."""
         self._new(name, {**self.terms, **self.reports})
+        if self.only is not None and name not in self.only:
+            return
         function, arguments = apart(function, arguments)
         if not (instances := instances_of(name, arguments)):
             return

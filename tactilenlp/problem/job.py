@@ -182,11 +182,12 @@ class Job:
         known = samples_until(self.data, samples), self.scene, self.shape
         return window_of_samples(*known, self.precision, self.reductions)
 
-    def build(self, window, scene=None, fill=None, solved=True) -> Problem:
+    def build(self, window, scene=None, fill=None, solved=True, only=None) -> Problem:
         """Return the problem that the page poses of a window.
 
         scene: another one; fill: the `build` of a page with the same terms; solved:
-        False of what is only evaluated, which needs no derivatives.
+        False of what is only evaluated, which needs no derivatives; only: the names of
+        the terms that it has, by default all.
 
         Problems of this scene share term functions where these depend on page, shape,
         scene and motion, not on what else a window holds: a page states so by ALIKE.
@@ -201,7 +202,7 @@ class Job:
             shared = self.functions.setdefault(key, {})
         problem = Problem(
             functions_by_name=shared, cache=cache, deadline=self.deadline,
-            noting=noting_roots,
+            noting=noting_roots, only=only,
         )  # fmt: skip
         (fill or self.page.build)(problem, window, scene, window.shape)
         return problem

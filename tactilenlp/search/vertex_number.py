@@ -23,6 +23,7 @@ from ..geometry.simplification import (
     with_fewer_faces,
     without_touch,
 )
+from ..local.comparison import same_body
 from ..local.local_solve import page_window
 from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import BuiltPage, Solved, search_settings
@@ -38,11 +39,13 @@ FACES = 12, 10, 9, 8, 7, 6, 5, 4  # of hulls that start fits of FEW vertices
 def likeliest(job, hulls) -> list[Hypothesis]:
     """Return fits of hulls at most LEAST_MOTION_BEHIND the best, which is the first.
 
-    Of each hull with each number of vertices that the shape may have, from many to few.
-    Their objective is less the evidence: what more vertices lose of it is added.
-    At a deadline those of the bodies fitted by then, one at least.
+    Of each hull with each number of vertices that the shape may have, from many to few,
+    until a fit is the same body as an earlier one with as many vertices.  Their
+    objective is less the evidence: what more vertices lose of it is added.  At a
+    deadline those of the bodies fitted by then, one at least.
     """
     counts, fits, least = counts_of(job.shape), [], np.inf
+    known, ends = [], np.flatnonzero(np.diff(job.data.action, append=np.inf))
     for start in (start for hull in hulls for start in starts_of(job, hull, counts)):
         if fits and job.deadline.passed("other numbers of vertices"):
             break
@@ -56,6 +59,10 @@ def likeliest(job, hulls) -> list[Hypothesis]:
                 least = min(least, evidence)
             if finite and fit.cost > least:
                 break  # fewer vertices do not fit better
+            alike = [h for h in known if h.theta.size == fit.at.theta.size]
+            if any(same_body(job.shape, fit.at, h, ends) for h in alike):
+                break  # nor from here than from there
+            known.append(fit.at)
             if fits and job.deadline.passed("other numbers of vertices"):
                 break
     fits.sort(key=lambda h: h.rank)
