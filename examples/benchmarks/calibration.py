@@ -10,19 +10,24 @@ position and yaw, and of position and yaw at PLACES samples of the whole path.
     coverage      share of the numbers within 1, 1.96 and 3 sigma: of Gaussian errors
                   68.3, 95.0 and 99.7 %
     reliability   share of the numbers within the interval of each probability
+    errors        of the error budget: the mean share of the variance by each; of the
+                  numbers that owe it more than half, the root mean square and the
+                  largest |error| / sigma (1 where sigma is right)
 
 Refused estimates are counted and left out.  Rows are kept in calibration.jsonl as they
-end (study.py): called again, the script runs what is missing, prints the coverage and
-writes calibration.csv (a row a world, quantity and verdict) and calibration.png.
+end (study.py): called again, the script runs what is missing, prints both tables and
+writes calibration.csv (a row a world, quantity and verdict), calibration_errors.csv (a
+row a world, quantity and error) and calibration.png.
 """
 
+from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from judging import solved, spread_samples
 from scipy.stats import norm
-from study import grouped, study_parser, table, tabled_study, telling
+from study import grouped, study_parser, table, tabled_study, telling, write_csv
 from time_against_error import PLACES, WORLDS, measured, warm
 
 from tactilenlp.evaluation.metrics import cuboid_errors
@@ -30,6 +35,7 @@ from tactilenlp.evaluation.metrics import cuboid_errors
 MOST_ACTIONS = 6
 WITHIN = {"68.3 %": 1.0, "95 %": 1.96, "99.7 %": 3.0}  # [sigma]
 QUANTITIES = ("sizes", "position", "yaw", "path position", "path yaw")
+LEAST_SHARE = 0.03  # of an error that is printed
 TOLD = ("refused", *QUANTITIES, "verdict", "cpu_s")  # of each estimate as it ends
 
 
@@ -46,6 +52,7 @@ def judged(world: str, number: int) -> dict:
     row |= {"verdict": estimate.fit.verdict, "nats": estimate.objective}
     path = [ratios(estimate, true, k) for k in spread_samples(data, PLACES)]
     row |= {name: list(values) for name, values in path[-1].items()}
+    row["shares"] = shares(estimate, true)
     return row | {
         f"path {name}": [float(r) for at in path for r in at[name]]
         for name in ("position", "yaw")
@@ -65,6 +72,45 @@ def ratios(estimate, true, sample: int) -> dict[str, np.ndarray]:
         "position": np.abs(error.position) / pose["position"],
         "yaw": np.abs(error.rotation_vector[2:]) / pose["rotation"][2:],
     }
+
+
+def shares(estimate, true) -> dict[str, dict[str, list[float]]]:
+    """Return the share of each error in the variance of sizes, position and yaw."""
+    last, sides = len(estimate.position) - 1, true["side_lengths"]
+    found = estimate.position[last], estimate.quaternion[last]
+    truth = true["object_position"][last], true["object_quaternion"][last]
+    order = cuboid_errors(estimate.side_lengths, *found, sides, *truth).permutation
+    taken = {"side_lengths": order, "position": range(3), "rotation": [2]}
+    named = zip(("sizes", "position", "yaw"), taken.items(), strict=True)
+    return {
+        quantity: {
+            error: [float(one[k] ** 2 / total[k] ** 2) for k in of]
+            for error, one in estimate.information.error_budget(name).items()
+        }
+        for quantity, (name, of) in named
+        for total in [estimate.information.sigma(name)]
+    }
+
+
+def of_errors(rows) -> list[dict]:
+    """Return a row for every world, quantity and error, the largest shares first."""
+    cells = []
+    for ((world,), mine), quantity in product(
+        grouped(rows, "world").items(), QUANTITIES[:3]
+    ):
+        kept = [row for row in mine if "shares" in row]
+        found = numbers_of(kept, quantity)
+        for error in dict.fromkeys(e for row in kept for e in row["shares"][quantity]):
+            none = [0.0] * len(kept[0][quantity])
+            each = [row["shares"][quantity].get(error, none) for row in kept]
+            share = np.concatenate(each)
+            most = found[share > 0.5]
+            rms = float(np.sqrt(np.mean(most**2))) if len(most) else np.nan
+            cell = {"world": world, "quantity": quantity, "error": error}
+            cell |= {"share": float(share.mean()), "n": len(most), "rms": rms}
+            cells.append(cell | {"largest": float(most.max(initial=0.0))})
+    order = {name: k for k, name in enumerate(QUANTITIES)}
+    return sorted(cells, key=lambda c: (c["world"], order[c["quantity"]], -c["share"]))
 
 
 def numbers_of(rows, quantity: str) -> np.ndarray:
@@ -130,6 +176,9 @@ def main() -> None:
     path = chosen.folder / "calibration"
     rows = tabled_study(chosen, path, judged, cases, say=telling(*TOLD), table=coverage)
     print(table(coverage(rows)))
+    errors = of_errors(rows)
+    write_csv(Path(f"{path}_errors.csv"), errors)
+    print(table([cell for cell in errors if cell["share"] > LEAST_SHARE]))
     draw(rows, path.with_suffix(".png"))
 
 
