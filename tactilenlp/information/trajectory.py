@@ -11,8 +11,9 @@ At sample t the variance of the pose adds up
 
     in planar motion, how the ground may lean, and the body on it (errors_of_ground).
 
-A solve of the KKT system is needed for every pose; at most POSES of them are computed,
-and the variance is linear between.
+A solve of the KKT system is needed for every pose.  POSES of them are computed, and
+where a body is let go and felt again, between which its variance jumps; the variance is
+linear between.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from .mixture import relabelling, turn_between
 from .tangent_space import inverse, pose_jacobians
 
 LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
-POSES = 40  # of a trajectory whose covariance is computed
+POSES = 40  # of a trajectory whose covariance is computed at least
 
 
 def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optima=()):
@@ -45,7 +46,7 @@ def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optim
     """
     window, values = linearisation.window, linearisation.values
     tilt, R_wg = linearisation.tilt, linearisation.R_wg
-    poses = np.unique(np.linspace(0, window.poses - 1, POSES).round().astype(int))
+    poses = _computed_poses(linearisation)
     theta, x = values["theta"].T.ravel(), values["x"][:, poses]
     p, R, J_p, J_R = pose_jacobians(window.shape, window.motion, theta, x)
     p, J_p = _of_point(p, R, J_p, J_R, *middle)
@@ -70,6 +71,15 @@ def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optim
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
     return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
+
+
+def _computed_poses(linearisation: Linearisation) -> np.ndarray:
+    """Return the poses whose covariance is computed."""
+    window, x = linearisation.window, linearisation.kkt.problem.variables["x"]
+    let_go = linearisation.motions[x.span, 1].reshape(x.columns, x.rows)
+    jumps = np.flatnonzero(np.diff(let_go, axis=0).any(axis=1))
+    even = np.linspace(0, window.poses - 1, POSES).round().astype(int)
+    return np.unique(np.concatenate([even, jumps, jumps + 1]))
 
 
 def deviations_of_path(

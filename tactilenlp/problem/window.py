@@ -229,17 +229,21 @@ class Window:
     def let_go(self, x) -> np.ndarray:
         """Return how far (unknowns, poses) a body moved that was let go in motion.
 
-        At poses x after the last touch: what it has moved since, and before that in a
-        time step, the longer one of the last two.
+        At poses x after the last touch of an action, up to the next touch: what it has
+        moved since, and before that in a time step, the longer one of the last two.
         """
-        out, last = np.zeros_like(x), self.touch.sample.max(initial=-1)
+        out, touched, end = np.zeros_like(x), self.touch.sample, len(self.pose)
         ways = x[:, self.step.pose] - x[:, self.step.before]
-        pushed = (last - 2 < self.step.sample) & (self.step.sample <= last)
-        scale = np.array(self.motion.scale)
-        if pushed.any():
-            way = max(ways[:, pushed].T, key=lambda k: np.linalg.norm(k / scale))
-            way = way + ways[:, self.step.sample > last].sum(axis=1)
-            out[:, self.pose[last] + 1 :] = way[:, None]
+        for begin in (*self.gap.sample, end):  # of the next action
+            last = touched[touched < begin].max(initial=-1)
+            until = touched[touched >= begin].min(initial=end)
+            at = self.step.sample
+            pushed = ways[:, (last - 2 < at) & (at <= last)].T
+            if len(pushed):
+                way = max(pushed, key=lambda k: np.linalg.norm(k / self.motion.scale))
+                way = way + ways[:, (last < at) & (at < until)].sum(axis=1)
+                to = self.pose[until] if until < end else x.shape[1]
+                out[:, self.pose[last] + 1 : to] = way[:, None]
         return out
 
     def of_later_steps(self, samples: int) -> dict:
