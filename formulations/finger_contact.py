@@ -32,7 +32,7 @@ from .friction import friction_law_of
 from .names import FINGER_IMPULSE, TOUCH_SCALE
 from .rigid_body import steps_of
 
-UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for what would be
+UNFELT = 2000.0  # [nats] for an impulse of one weight not felt: 20 for one of 0.01
 
 ROUNDINGS = 50  # [1 / finger radius] length that rounds max(phi, 0) of an unfelt finger
 GAP_ROUNDING = 0.02e-3  # [m] rounds max(phi, 0) of a finger whose sample is missing

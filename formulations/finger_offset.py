@@ -16,8 +16,9 @@ a finger each), the same zero offsets displace and turn a finger, with p its pla
     p_wf + e_f + ((p_wf - p) . slope) e_f             n - (turn e_f) x n
     sum_f  e_f' covariance^-1 e_f / 2                               (`prior_within`)
 
-n is the measured normal: on an upright side it tilts as the finger does.  That
-determines the mean of all e_f, which no distance does (`with_joint_zeros`).
+n is the modelled normal, and the result what the turned finger would report: on an
+upright side it tilts as the finger does.  That determines the mean of all e_f, which no
+distance does (`with_joint_zeros`).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from .ranges import check_most, check_ranges
 
 GRAVITY = 9.81  # [m/s^2]
 ROUNDING = 1e-9  # [m] of forward and inverse kinematics
-STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: ten times the defaults
+STIFFEST, MOST_DAMPED = 100.0, 10.0  # [N m/rad], [N m s/rad]: more is a wrong unit
 STRONGEST = 0.396  # [N m] of a joint: 2.2 A of a motor of TriFingerPro
 JUMP = 0.02  # [rad] by which a position may change beyond what the top speed explains:
 # 3 rad/s of a target for 6 ms, by which stamps may be wrong

@@ -148,7 +148,7 @@ def test_a_tilted_ground_changes_nothing_but_the_frame(joints):
     assert turn[0] == pytest.approx(turn[1] @ R.T)
 
 
-def test_what_cannot_be_is_refused(joints, recorded):
+def test_joint_zeros_of_wrong_shapes_are_refused(joints, recorded):
     known = joints_about(FINGERS, PLACES)
     for sigma in (0, -1, 1.0, "a degree", None, [0.1]):  # 1.0: one degree in degrees
         with pytest.raises(SceneError, match="one degree"):

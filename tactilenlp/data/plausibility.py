@@ -47,9 +47,9 @@ JUMP_RATIO, JUMP_LENGTH = 5.0, 5e-3  # of the neighbouring steps, and at least [
 USUAL_RADIUS, RADIUS_SPREAD = 0.012, 0.3  # [m], [decades]: human and robot fingertips
 KINK_REACH, KINK_WINDOW = 14, 10  # samples of a path, and where it may bend
 KINK_FLOOR = 7e-4  # [m] by which paths differ from a cubic with kinks
-# Samples on either side of a kink; [-] of the way before it that a finger goes back
-# which turned round.
+# [samples] beside a kink; [-] of the way before it that a finger which turned goes back
 KINK_SPAN, KINK_TURN = 3, 0.1
+FITTED = 3 * (4 + 2)  # numbers of a cubic and two kinks, of three coordinates
 LEAST_ANGLE = 1e-6  # [-] of two kinks: sin^2 below which they are one
 # Probability of the samples by which a path bends later than its touch is reported: a
 # soft contact or a light body slows the finger only gradually.
@@ -82,10 +82,9 @@ def of_one_rate(density, departure) -> float:
     A motion that is repeated departs again: the rate of a recording is as likely any as
     the usual one.
     """
-    rates = np.r_[departure, RATES]
-    each = np.log((1 - rates[:, None]) * density + rates[:, None]).sum(axis=1)
-    share = np.r_[0.5, np.full(len(RATES), 0.5 / len(RATES))]
-    return float(np.logaddexp.reduce(each + np.log(share)))
+    each = _mixed(density, np.r_[departure, RATES][:, None]).sum(axis=1)
+    share = np.full(len(RATES), 0.5 / len(RATES))
+    return float(np.logaddexp.reduce(each + np.log(np.r_[0.5, share])))
 
 
 def _mean_normal(record: Record, t, f, offsets) -> np.ndarray:
@@ -266,7 +265,7 @@ def _kink(record: Record, t: int, f: int) -> float:
     np.fill_diagonal(explained, one)
     left = np.maximum(smooth - explained, 0.0) + p.size * KINK_FLOOR**2
     left = np.where(pair & on[:, None], left, np.inf)
-    each = (left / left.min()) ** (-0.5 * (p.size - 18))
+    each = (left / left.min()) ** (-0.5 * (p.size - FITTED))
     share = each.sum(axis=1) / pair.sum(axis=1)
     density = on.sum() * (lag @ share) / share.sum()
     return float(_mixed(density, NO_KINK))

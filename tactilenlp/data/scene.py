@@ -51,7 +51,7 @@ class Scene:
     finger_length:   [m], of the straight part of a fingertip: 0 for spheres, else
                      capsules along z of the measured finger_orientation
     sigma_position:  [m], standard deviation of each coordinate of a finger position
-    sigma_normal:    [1], about rad, standard deviation of each component of a normal
+    sigma_normal:    [rad], standard deviation of each component of a normal
     flip_rate:       [1], probability that a contact boolean is wrong
     sigma_offset:    [m], standard deviation of each coordinate of a constant offset of
                      each finger, which is estimated; None: positions have no offset;

@@ -42,6 +42,7 @@ from formulations.names import (
 
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, NORMAL_LAG, normal_rates
 from ..nlp.kkt import gradient
+from ..problem.fingertips import finger_poses
 from .measurement_noise import at_touches, fingers_earlier
 
 if TYPE_CHECKING:
@@ -149,18 +150,16 @@ def scalars_of(linearisation: Linearisation) -> dict[str, ConsiderParameter]:
 def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
     """Return what is known of the radius of edges."""
     kkt, window = linearisation.kkt, linearisation.window
-    problem, shape, touch = kkt.problem, window.shape, window.touch
-    values = linearisation.values
+    shape, touch, values = window.shape, window.touch, linearisation.values
     less = values | {"theta": shape.rounded(values["theta"], RADIUS_STEP)}
     low, high = (
         at_touches(window, v, touch.p_wf.T, lambda *at: at[2][0])
         for v in (less, values)
     )  # a body that lies on the ground is as high as it is large: the finger follows
-    p_wf = touch.p_wf.copy()
+    p_wf, theta = touch.p_wf.copy(), kkt.problem.variables["theta"].span
     p_wf[:, :3] += low - high
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
     ends = ends_of(linearisation, replace(window, touch=touch))
-    theta = problem.variables["theta"].span
     for (x, _), side in zip(ends, (1, 0, -1), strict=True):
         x[theta] = shape.rounded(x[theta], side * RADIUS_STEP)
     return _of_one(kkt, ends, RADIUS_STEP, Prior(EDGE))
@@ -172,9 +171,8 @@ def late_normals(linearisation: Linearisation) -> ConsiderParameter:
     Sensors average normals for longer than contacts: these may be in time.
     """
     window, job = linearisation.window, linearisation.job
-    touch, lag, prior = window.touch, job.precision.normal_lag, Prior(NORMAL_LAG)
-    if lag:
-        prior = Prior(NORMAL_LAG, mean=-lag, least=-lag, odds=0.0)
+    touch, lag = window.touch, job.precision.normal_lag
+    prior = Prior(NORMAL_LAG, mean=-lag, least=-lag, odds=float(not lag))
     rate = normal_rates(job.data)[touch.sample, touch.finger]
     normal = touch.normal + LAG_STEP * rate
     ends = ends_of(linearisation, replace(window, touch=replace(touch, normal=normal)))
@@ -195,9 +193,9 @@ def late_touches(linearisation: Linearisation) -> ConsiderParameter:
         prior = Prior(LATENCY, mean=-latency, least=-latency, most=LATENCY, odds=0.0)
         estimated = True
     earlier = fingers_earlier(linearisation.window, job.data, LAG_STEP)
-    costs = (*linearisation.kkt.problem.costs,)
+    kkt, costs = linearisation.kkt, tuple(linearisation.kkt.problem.costs)
     ends = ends_of(linearisation, earlier, costs)
-    lag = _of_one(linearisation.kkt, ends, LAG_STEP, prior, costs)
+    lag = _of_one(kkt, ends, LAG_STEP, prior, costs)
     return replace(lag, besides=CONTACT_LATENCY * estimated)
 
 
@@ -207,13 +205,12 @@ def told_radius(linearisation: Linearisation, finger: int) -> ConsiderParameter:
     By what is felt alone: points at which impulses act would move by no more than r.
     """
     kkt, window = linearisation.kkt, linearisation.window
-
-    def grown(rows):
-        return replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
-
-    larger = replace(window, touch=grown(window.touch), free=grown(window.free))
+    touch, free = (
+        replace(rows, radius=rows.radius + RADIUS_STEP * (rows.finger == finger))
+        for rows in (window.touch, window.free)
+    )
     felt = tuple(n for n in (TOUCH_TERM, FREE_TERM) if n in kkt.problem.costs)
-    ends = ends_of(linearisation, larger, felt)
+    ends = ends_of(linearisation, replace(window, touch=touch, free=free), felt)
     prior = Prior(TOLD_RADIUS, least=-np.inf, odds=TOLD_RIGHT)
     return _of_one(kkt, ends, RADIUS_STEP, prior, felt)
 
@@ -235,14 +232,12 @@ def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
     """
     kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
     touch, ground, by_turn = window.touch, job.scene.ground, []
+    at = touch.sample, touch.finger
     for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
         R = Rotation.from_rotvec([*np.multiply(-TILT_STEP, way), 0.0]).as_matrix()
         seen = job.data.transformed(R, about - R @ about)
-        p_wf, at = touch.p_wf.copy(), (touch.sample, touch.finger)
-        p_wf[:, :3] = seen.finger_position[at]
-        if seen.finger_orientation is not None and p_wf.shape[1] > 3:
-            p_wf[:, 3:] = seen.finger_orientation[at]
-        touched = replace(touch, p_wf=p_wf, normal=seen.normal[at])
+        p_wf, normal = finger_poses(seen, job.scene)[at], seen.normal[at]
+        touched = replace(touch, p_wf=p_wf, normal=normal)
         ends = ends_of(linearisation, replace(window, touch=touched))
         by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
     (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn

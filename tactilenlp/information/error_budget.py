@@ -41,7 +41,7 @@ Added to their sum:
     untouched faces         faces that nothing touched
     profile likelihood      what it has beyond the mixture
     bound of the pose       the weak prior of the final pose (`bounded_pose`)
-    active bounds           vertices of a hull that a bound holds
+    active bounds           sizes or vertices that a bound holds
     poor fit                what the Birge ratio adds (goodness_of_fit.py)
 """
 

@@ -18,19 +18,21 @@ scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
 
     E = 2 (psi(2) - psi(1/2)) = 4.77,      Var = 4 (psi'(1/2) - psi'(2)) = 17.2  nats
 
-and here the scale is the geometric mean of the page's own and of all other ways.  The
-row "between actions" is the largest of these, no part of the total, at most "poor".  So
-is "physics", all terms of that role: on the true path they cost nothing but what steps
-in which a touch begins or ends make, taken for 1 +- 1 nat for each finger in an action;
-soft contacts creep, with them it is not judged.  A body that moved by more than LOST
-between two actions, beyond what its speed explains, was carried or its path is lost: at
-most "poor".
+and here the scale is the geometric mean of the page's own and of all other ways.  Two
+rows are judged that are no part of the total, and make a fit "poor" at most: "between
+actions", the largest of these costs, and "physics", all terms of that role.  On the
+true path physics costs what steps make in which a touch begins or ends, 1 +- 1 nat for
+each finger in an action; soft contacts creep, with them it is not judged.  A body that
+moved by more than LOST between two actions, beyond what its speed explains, was carried
+or its path is lost: at most "poor".
 
 The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
 times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
 multiplied by the Birge ratio
 
-    B = sqrt(actual / (expected + spread))            (Birge, Phys. Rev. 40, 1932)
+    B = max over total and rows of sqrt(actual / max(expected + spread, MARGIN))
+
+(Birge, Phys. Rev. 40, 1932), at least 1.
 
 Touches of a rigid world are off by RIGID_MISFIT of the page's own scales: those of 28
 boxes that slid flat in our simulator cost 0.003 nats, RIGID_MISFIT^2 (1/2 + 1).
@@ -63,7 +65,7 @@ OF_MOTION = (  # expected cost of such a motion, and its spread [nats]
     float(CAUCHY * np.sqrt(polygamma(1, 0.5) - polygamma(1, 2))),
 )
 LOST = 0.01  # [m] no retraction moves a body so far: it was carried, or lost
-POOR, BAD = 3.0, 10.0  # [spreads] and [MARGIN] of excess
+POOR, BAD = 3.0, 10.0  # [spreads] of excess; [spreads and MARGIN]
 MARGIN = 3.0  # [nats] odds of 20 to 1
 RIGID_MISFIT = 0.045  # [scales] deviation of rigid gaps and normals from the page
 NODES = 24  # of each quadrature

@@ -68,7 +68,7 @@ class Problem:
     cache: TermFunctionCache = field(default_factory=default_cache)
     deadline: Deadline = NEVER  # of derivation, compilation, assembly; not of solves
     noting: Callable = nullcontext  # see TermFunctionCache.of
-    only: tuple[str, ...] | None = None  # names of the terms that are kept, None: all
+    only: tuple[str, ...] | None = None  # names of terms: others are left out
     _data: list[np.ndarray] = field(default_factory=list)
 
     # -- what a page says -------------------------------------------------------------
@@ -254,10 +254,9 @@ class Problem:
     ):  # fmt: skip
         """Keep a term among others; what has no instance is left out and costs none."""
         self._new(name, {**self.terms, **self.reports})
-        if self.only is not None and name not in self.only:
-            return
+        left_out = self.only is not None and name not in self.only
         function, arguments = apart(function, arguments)
-        if not (instances := instances_of(name, arguments)):
+        if left_out or not (instances := instances_of(name, arguments)):
             return
         check_kind(f"{name}: per", per, (Variable, type(None)), PageError)
         for argument in (*arguments, per):

@@ -47,8 +47,9 @@ class Solution:
     instances; `violations` by constraint, the largest; `multipliers` by constraint,
     (instances, rows), and of the bounds by variable name, (rows, columns), SI.
     `held` by variable name, masks (rows, columns) of the unknowns that it held fixed,
-    without those of which it held none.  `progress` by iteration, as IPOPT says: level,
-    objective, primal and dual infeasibility, barrier.
+    without those of which it held none.  `progress` by iteration: level, objective,
+    primal and dual infeasibility, barrier parameter; `seconds` of CPU time: "build",
+    "solve".
     """
 
     values: dict[str, np.ndarray]

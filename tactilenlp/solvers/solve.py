@@ -21,7 +21,7 @@ from .options import MIN_SOLVE_TIME, NAMES, Settings, SolverOptions
 from .solution import Solution, after, not_converged, recomputed, unfinished
 
 log = logging.getLogger("tactilenlp")
-MOST_IN_EQUATIONS = 200  # unknowns, dense in our method: a fifth of a dense page's
+MOST_IN_EQUATIONS = 200  # unknowns of equations: their block is dense in our method
 LEVEL_DEFAULTS = {"mu_init": 1e-2, "max_iter": 200}  # of a level that does not set them
 
 
