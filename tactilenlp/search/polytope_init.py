@@ -175,13 +175,11 @@ def of_distinct_bodies(job, fits) -> list[Hypothesis]:
     chosen = []
     for count in sorted({h.theta.size for h in fits}):
         alike = [h for h in fits if h.theta.size == count]
-        chosen += distinct(job.shape, alike, len(alike), np.inf, ends, closed_first)
+        chosen += distinct(
+            job.shape, alike, len(alike), np.inf, ends,
+            key=lambda h: (not h.closed, h.rank),
+        )  # fmt: skip
     return sorted(chosen, key=lambda h: h.rank)
-
-
-def closed_first(h: Hypothesis) -> tuple:
-    """Return the key that sorts closed bodies before others, then by rank."""
-    return not h.closed, h.rank
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
