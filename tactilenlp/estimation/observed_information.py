@@ -39,6 +39,7 @@ from ..local.solved import Solved
 from ..nlp.problem import Problem
 from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
+from ..problem.window import moved
 from ..refinement.incremental import past_solution
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
@@ -202,13 +203,9 @@ def _assumptions(scene, window) -> Iterator[tuple[str, str, float, list]]:
 
 def shifted(window, finger: int, way: np.ndarray):
     """Return the window as if a finger had been elsewhere by `way` (3,) [m] always."""
-
-    def there(rows, p_wf):
-        p_wf = p_wf.copy()
-        p_wf[rows.finger == finger, :3] += way
-        return p_wf
-
-    return window.with_fingers(there)
+    return window.with_fingers(
+        lambda rows, p_wf: moved(p_wf, np.outer(rows.finger == finger, way))
+    )
 
 
 @typed_call()
