@@ -125,7 +125,7 @@ def _solved_fields(solved) -> dict:
 def read_sized(job, solved) -> dict:
     """Return the fields of an Estimate about the body of a shape with sizes."""
     theta, x, shape = solved.at.theta, poses_at_samples(job, solved.at.x), job.shape
-    p, q = poses(shape, solved.window.motion, theta, x, job.scene.ground)
+    p, q = poses(shape, theta, x, job.scene.ground)
     surface, faces = body_surface(shape, theta), solved.touched
     return {"position": p, "quaternion": q, "body_vertices": surface, "faces": faces}
 

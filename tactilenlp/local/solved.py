@@ -166,8 +166,8 @@ class Solved:
     @property
     def touched(self) -> np.ndarray:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
-        at, window = self.at, self.window
-        _, quaternion = poses(window.shape, window.motion, at.theta, at.x, None)
+        at = self.at
+        _, quaternion = poses(self.window.shape, at.theta, at.x, None)
         turns = self.solution.values.get(FINGER_TURN)
         turns = None if turns is None else turns.T
         return touched_faces(self.job.data, quaternion, turns=turns)
