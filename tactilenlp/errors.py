@@ -40,9 +40,6 @@ class TactileError(Exception):
             message += f"; {next}"
         super().__init__(message)
 
-    def __reduce__(self):
-        return _rebuild, (type(self), self.args, self.__dict__)
-
 
 def shortened(value: object, words=repr, most: int = SHOWN_CHARACTERS) -> str:
     """Return a value in words, at most so many characters; its type if it has none."""
@@ -51,14 +48,6 @@ def shortened(value: object, words=repr, most: int = SHOWN_CHARACTERS) -> str:
     except Exception as bad:  # any: of a foreign class, or an integer of 5000 digits
         text = f"a {type(value).__name__} that has no words ({type(bad).__name__})"
     return text if len(text) <= most else f"{text[: most - 3]}..."
-
-
-def _rebuild(kind: type, args: tuple, state: dict) -> TactileError:
-    """Return an error as it was pickled, without its constructor."""
-    error = kind.__new__(kind)
-    error.args = args
-    error.__dict__.update(state)
-    return error
 
 
 class MeasurementError(TactileError, ValueError):

@@ -149,7 +149,7 @@ def estimate(recorded, once):
 @pytest.fixture(scope="session")
 def programme(estimate):
     """The programme of the estimate, at its solution."""
-    from tactilenlp.estimation.programme import programme_at
+    from tactilenlp.estimation.observed_information import programme_at
 
     return programme_at(estimate)
 

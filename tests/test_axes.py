@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
+from tactilenlp.geometry.transforms import rotation_matrix
 from tactilenlp.local.comparison import same_body
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement.axis_names import naming, with_axes
-from tactilenlp.tracking.surface import rotation_at
 
 
 def named(shape, h, like=None):
@@ -40,7 +40,7 @@ def test_x_is_the_longer_side_and_points_ahead(sides, yaw):
     h = planar(sides, yaw)
     found = named(CUBOID, h)
     assert found.theta.tolist() == [0.05, 0.03, 0.04]
-    assert rotation_at(found, 0)[0, 0] >= 0
+    assert rotation_matrix(found.x[:, 0])[0, 0] >= 0
     assert same_body(CUBOID, h, found, range(4))
     assert (naming(CUBOID, found)[1] == np.eye(3)).all()
 
@@ -50,21 +50,21 @@ def test_z_is_upright_at_the_first_sample_of_a_body_in_free_motion(seed):
     R = Rotation.random(random_state=seed)
     h = free((0.03, 0.05, 0.04), R)
     found = named(CUBOID, h)
-    up = rotation_at(found, 0)[2]
+    up = rotation_matrix(found.x[:, 0])[2]
     assert up[2] == pytest.approx(np.abs(R.as_matrix()[2]).max(), abs=1e-12)
     assert found.theta[0] >= found.theta[1]
-    assert rotation_at(found, 0)[0, 0] >= 0
+    assert rotation_matrix(found.x[:, 0])[0, 0] >= 0
     assert same_body(CUBOID, h, found, range(4))
 
 
 @pytest.mark.parametrize("make", [planar, lambda t, yaw: free(t, about_z(yaw))])
 def test_an_update_keeps_the_names_of_its_start(make):
     start = planar((0.0301, 0.0299, 0.04), 0.2)
-    like = start.theta, rotation_at(start, 0)
+    like = start.theta, (R := rotation_matrix(start.x[:, 0]))
     later = make((0.0303, 0.0297, 0.04), 0.2 + np.pi / 2)  # x and y are exchanged
     found = named(CUBOID, later, like)
     assert found.theta.tolist() == [0.0297, 0.0303, 0.04]
-    assert rotation_at(found, 0) == pytest.approx(rotation_at(start, 0), abs=1e-9)
+    assert rotation_matrix(found.x[:, 0]) == pytest.approx(R, abs=1e-9)
     assert same_body(CUBOID, later, found, range(4))
 
 

@@ -11,7 +11,7 @@ from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, ELLIPSOID, Estimate, Options, solve_estimate
 from tactilenlp.errors import Interrupted, NoContactError, OptionError, StartError
 from tactilenlp.estimation.solver import ClassSolver
-from tactilenlp.information.mixture import log_evidence
+from tactilenlp.information.mixture import occam_factor
 from tactilenlp.interface.request import read_request
 from tactilenlp.interface.session import Guess, Session
 from tactilenlp.refinement import model_selection
@@ -28,6 +28,10 @@ def line(degree, x, y, sigma, spread):
     z = C @ J.T @ y / sigma**2
     off = (y - J @ z) / sigma
     return (off @ off + z @ prior @ z) / 2, C, prior
+
+
+def log_evidence(objective, covariance, prior):
+    return -objective - occam_factor(covariance, prior)[0]
 
 
 def test_evidence_is_that_of_linear_least_squares():

@@ -20,8 +20,7 @@ from tactilenlp import (
 )
 from tactilenlp.data.noise_model import add_noise
 from tactilenlp.errors import OptionError
-from tactilenlp.estimation.observed_information import INFORMATION_KINDS
-from tactilenlp.estimation.programme import programme_at
+from tactilenlp.estimation.observed_information import INFORMATION_KINDS, programme_at
 from tactilenlp.information.comparisons import paper, quaternion_jacobian
 from tactilenlp.interface.result import solution_of
 from tactilenlp.output.summary import optima_in_words

@@ -19,7 +19,7 @@ from tactilenlp.data.sensor_noise import (
     with_fingers_earlier,
 )
 from tactilenlp.errors import MistakeError, SceneError
-from tactilenlp.estimation.programme import programme_at
+from tactilenlp.estimation.observed_information import programme_at
 from tactilenlp.geometry.transforms import quaternion_of
 from tactilenlp.interface.readout import hull_poses
 from tactilenlp.interface.request import make_job, read_request

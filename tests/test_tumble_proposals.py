@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from formulations.violation_implicit import ROUGH
@@ -28,7 +29,6 @@ def solved(monkeypatch):
         "unexplained_by_action": lambda *_: {}, "built_page": lambda *_: None,
         "in_motion_of": lambda job, h: h, "certify": lambda *_: None,
         "replace": lambda best, **_: best, "named": lambda shape, h, like: h,
-        "rotation_at": lambda *_: None,
     }  # fmt: skip
     for name, value in stand_ins.items():
         monkeypatch.setattr(certification, name, value)
@@ -47,7 +47,7 @@ def test_what_costs_more_by_softer_weights_is_not_solved_to_the_end(
         contract=SimpleNamespace(from_guesses=ROUGH),
         with_reductions=lambda planar: None,
     )
-    flat = SimpleNamespace(at=SimpleNamespace(theta=None))
+    flat = SimpleNamespace(at=SimpleNamespace(theta=None, x=np.zeros((3, 1))))
     found = certification._solve_tumbles(job, flat, limit, None)
     assert (found and found.name) == best
     # "c" costs less than the flat solve, and more than "a" did at the end.

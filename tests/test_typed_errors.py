@@ -1,6 +1,7 @@
 """What Python, NumPy or CasADi would refuse in their words is refused in ours."""
 
 import json
+import pickle
 import types
 
 import numpy as np
@@ -101,8 +102,6 @@ def test_a_page_with_a_nan_cost_is_refused_by_the_name_of_the_cost(recorded):
 
 
 def test_an_unknown_name_of_a_result_is_a_key_error_and_survives_pickling(touched):
-    import pickle
-
     with pytest.raises(KeyError):
         touched.impulses["finger0"]
     assert touched.impulses.get("finger0") is None
@@ -110,6 +109,24 @@ def test_an_unknown_name_of_a_result_is_a_key_error_and_survives_pickling(touche
     assert [*again] == [*touched.impulses]
     with pytest.raises(KeyError, match=r"estimate\.impulses"):
         again["finger0"]
+
+
+def kinds_of(kind):
+    """Yield a class and those that derive from it."""
+    yield kind
+    for derived in kind.__subclasses__():
+        yield from kinds_of(derived)
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_every_error_survives_pickling_also_those_of_files(protocol):
+    for kind in kinds_of(TactileError):
+        error = kind("what", where="here", got=[3], expected="4", next="do")
+        error.more = 5.0
+        again = pickle.loads(pickle.dumps(error, protocol))
+        assert type(again) is kind
+        assert (str(again), again.args) == (str(error), error.args)
+        assert vars(again) == vars(error)
 
 
 JSON = (None, True, 3, -1.5, "x", [], {}, [[1]], {"a": 1}, 10**400, "NaN")

@@ -8,7 +8,7 @@ from tactilenlp.information.error_budget_terms import (
     ANY_ROTATION,
     REACHED,
     bounded_pose,
-    negative_curvature,
+    positive_semidefinite,
 )
 
 
@@ -35,7 +35,7 @@ def test_a_pose_of_any_covariance_is_bounded():
 
 def test_what_curves_down_is_held_by_nothing():
     np.testing.assert_allclose(
-        negative_curvature(np.diag([2.0, -3.0])), np.diag([0.0, 3.0])
+        positive_semidefinite(-np.diag([2.0, -3.0])), np.diag([0.0, 3.0])
     )
 
 

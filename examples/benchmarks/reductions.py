@@ -43,7 +43,7 @@ from tactilenlp.local.local_solve import (
 )
 from tactilenlp.local.solved import BuiltPage, Solved
 from tactilenlp.problem.hypothesis import Hypothesis
-from tactilenlp.problem.job import FunctionsByPage, Job
+from tactilenlp.problem.job import Job
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.search.polytope_init import search_polytope
 from tactilenlp.search.proposals_floating import (
@@ -82,7 +82,7 @@ class Way:
         return Job(
             smooth_paths(self.data, precision), self.scene, self.shape, precision,
             Reductions.of(self.off), self.page, Options(), Deadline.within(LONGEST),
-            FunctionsByPage(),
+            functions={},
         )  # fmt: skip
 
 

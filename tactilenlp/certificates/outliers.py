@@ -30,7 +30,7 @@ from ..information.measurement_noise import aligned_normals
 from ..local.solved import Solved
 from ..problem.job import Job
 from ..problem.pages import page_of
-from ..problem.window import Window
+from ..problem.window import Window, moved
 
 NORMAL_ERROR = 0.015  # [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
@@ -69,10 +69,10 @@ def with_ideal_fingertips(solved: Solved) -> Window:
     """
     window, problem, solution = solved.window, solved.problem, solved.solution
     touch = window.touch
-    p_wf, n = touch.p_wf.copy(), aligned_normals(touch, solution.values)
+    p_wf, n = touch.p_wf, aligned_normals(touch, solution.values)
     if INDENTATION in problem.reports:
         x, data = solution.at(problem)
-        p_wf[:, :3] += problem.value(INDENTATION, x, data) * n
+        p_wf = moved(p_wf, problem.value(INDENTATION, x, data) * n)
     return replace(window, touch=replace(touch, p_wf=p_wf, normal=n))
 
 

@@ -10,6 +10,6 @@ Out: an `Estimate`: shape, poses, impulses, information, by name and in SI units
 - `coarse_to_fine`: recordings of a high rate, solved at a lower rate first
 - `interrupted`: Ctrl-C, the time limit, estimates marked as failed
 - `compile_ahead`: functions that are compiled before they are needed
-- `programme`, `observed_information`: the programme of an estimate, built again;
-  information of other kinds, sensitivity to assumptions
+- `observed_information`: the programme of an estimate, built again; information of
+  other kinds, sensitivity to assumptions
 """

@@ -5,12 +5,15 @@ exact             the Hessian of the Lagrangian of the whole problem, reduced an
 sandwich          the covariance of the estimate under repeated measurements, by the
                   sensors' noise alone (measurement_noise.py)
 gauss_newton, paper, inverse_dynamics: information/comparisons.py
+
+All but the first build the programme of the estimate again, at its solution.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from time import monotonic
 
 import numpy as np
 
@@ -29,17 +32,64 @@ from ..information.measurement_noise import (
     sensor_covariance,
 )
 from ..information.tangent_space import inverse
-from ..interface.request import read_request
+from ..interface.request import make_job, read_request
 from ..interface.result import Estimate
 from ..local.local_solve import built_page
+from ..local.solved import Solved
 from ..nlp.problem import Problem
 from ..problem.options import Options
+from ..problem.pages import name_of, page_of, shape_of
+from ..problem.window import moved
 from ..refinement.incremental import past_solution
-from .programme import class_and_page, programme_at
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
 SHIFT = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
+
+
+def class_and_page(estimate, shape=None, formulation=None) -> tuple:
+    """Return the Shape and the page of an estimate; OptionError for another one."""
+    shape = shape_of(estimate.shape if shape is None else shape)
+    stated = estimate.formulation if formulation is None else formulation
+    page = page_of(stated, shape)
+    for name, value in (("shape", shape.name), ("formulation", name_of(page))):
+        if (own := getattr(estimate, name)) != value:
+            raise OptionError(
+                "not that of the estimate", where=name, got=value, expected=own,
+                next="give it as it was given to solve_estimate",
+            )  # fmt: skip
+    return shape, page
+
+
+def programme_at(estimate, shape=None, formulation=None) -> Solved:
+    """Return the page of an estimate, built again, as it was solved.
+
+    shape, formulation: of the estimate, by default those of the names it has.
+    """
+    shape, page = class_and_page(estimate, shape, formulation)
+    scene = estimate.scene
+    if shape.of_vertices:
+        raise OptionError(
+            "the problem of a polytope is not built again",
+            where="estimate", got=estimate.shape, expected="a shape with sizes",
+            next='ask for kind="exact", which every estimate carries',
+        )  # fmt: skip
+    job = make_job(estimate.measurements, scene, shape, Options(), monotonic(), page)
+    solved = past_solution(job.as_late_as(estimate.sensors), estimate)
+    _check_same_unknowns(solved.problem, estimate)
+    return solved
+
+
+def _check_same_unknowns(problem, estimate) -> None:
+    """Raise OptionError unless an estimate has the unknowns of its problem."""
+    for name, variable in problem.variables.items():
+        size = np.shape(estimate.unknowns.get(name, ()))
+        if size != (variable.rows, variable.columns):
+            raise OptionError(
+                "the problem of this estimate cannot be built again",
+                where=name, got=size, expected=(variable.rows, variable.columns),
+                next="estimate again with this version of the page",
+            )  # fmt: skip
 
 
 @on_one_thread
@@ -153,13 +203,9 @@ def _assumptions(scene, window) -> Iterator[tuple[str, str, float, list]]:
 
 def shifted(window, finger: int, way: np.ndarray):
     """Return the window as if a finger had been elsewhere by `way` (3,) [m] always."""
-
-    def there(rows, p_wf):
-        p_wf = p_wf.copy()
-        p_wf[rows.finger == finger, :3] += way
-        return p_wf
-
-    return window.with_fingers(there)
+    return window.with_fingers(
+        lambda rows, p_wf: moved(p_wf, np.outer(rows.finger == finger, way))
+    )
 
 
 @typed_call()

@@ -89,7 +89,7 @@ def beliefs_of(estimate, shape, fingers: int, count: int) -> list[Belief]:
     for h in rest:
         weight = np.exp(min(0.0, estimate.objective - h.objective))
         if weight > MIN_RELATIVE_WEIGHT:
-            off = h.shift.T
+            off = np.zeros((1, 3)) if h.offset is None else h.offset.T
             at = h.theta, h.x, off
             information = information_of_samples(estimate, shape, *at, before)
             beliefs.append(Belief(h.end, information, before, weight, off))

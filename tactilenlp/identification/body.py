@@ -40,8 +40,9 @@ class BodyFit:
     @property
     def text(self) -> str:
         """The verdict in a sentence, with the term that fits worst."""
-        name = max(self.terms, key=lambda key: _excess(self.terms[key]))
-        worst = self.terms[name]
+        name, worst = max(
+            self.terms.items(), key=lambda term: term[1].excess / term[1].limit
+        )
         words = (
             f"The fit is {self.verdict}: {name} costs {worst.actual:.0f} nats where at "
             f"most {worst.expected:.0f} ± {worst.spread:.0f} are expected"
@@ -151,11 +152,6 @@ def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
 def _misfit(actual: float, count: int, mean: float, spread: float) -> Misfit:
     """Return the Misfit of a cost; mean, spread: of one of `count` terms."""
     return Misfit(float(actual), mean * count, spread * count**0.5)
-
-
-def _excess(misfit: Misfit) -> float:
-    """Return the excess over that up to which a fit is good."""
-    return misfit.excess / misfit.limit
 
 
 def corner_shift(corners: np.ndarray) -> np.ndarray:

@@ -41,6 +41,7 @@ from ..common.validation import as_floats, check_one_of, check_whole
 from ..errors import OptionError, TactileError
 from ..nlp.codegen import compiled
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
+from ..problem.window import moved
 
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:
@@ -175,9 +176,9 @@ def sum_of_samples(problem, solution, window, by_last, by_theta=None):
         if not (count := len(samples)):
             continue
         z = np.vstack([np.repeat(theta, count, axis=1), x[:, samples.pose]])
-        p_wf = samples.p_wf.copy()
+        p_wf = samples.p_wf
         if (offset := solution.values.get(FINGER_OFFSET)) is not None:
-            p_wf[:, :3] += offset.T[samples.finger]
+            p_wf = moved(p_wf, offset.T[samples.finger])
         inputs = z, p_wf.T, samples.radius[None], felt
         F = information.map(count)(*inputs, [alpha, np.inf, sigma_n]).full()
         F = F.reshape(len(F), count, -1)[:k, :, :k]

@@ -43,6 +43,7 @@ from formulations.names import (
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, NORMAL_LAG, normal_rates
 from ..nlp.kkt import gradient
 from ..problem.fingertips import finger_poses
+from ..problem.window import moved
 from .measurement_noise import at_touches, fingers_earlier
 
 if TYPE_CHECKING:
@@ -156,8 +157,7 @@ def rounded_edges(linearisation: Linearisation) -> ConsiderParameter:
         at_touches(window, v, touch.p_wf.T, lambda *at: at[2][0])
         for v in (less, values)
     )  # a body that lies on the ground is as high as it is large: the finger follows
-    p_wf, theta = touch.p_wf.copy(), kkt.problem.variables["theta"].span
-    p_wf[:, :3] += low - high
+    p_wf, theta = moved(touch.p_wf, low - high), kkt.problem.variables["theta"].span
     touch = replace(touch, p_wf=p_wf, radius=touch.radius + RADIUS_STEP)
     ends = ends_of(linearisation, replace(window, touch=touch))
     for (x, _), side in zip(ends, (1, 0, -1), strict=True):

@@ -69,7 +69,7 @@ from .error_budget_terms import (
     curvature_of_costs,
     friction_error,
     missing_impulses,
-    negative_curvature,
+    positive_semidefinite,
     regularisation,
     shape_prior_error,
     stick_slip,
@@ -121,7 +121,9 @@ def errors_of_model(response: Response) -> Iterator[tuple[str, np.ndarray]]:
             yield name, friction_error(kkt, by_gradient, by_constraint, name)
     if GROUND_GAP in problem.constraints:
         yield "uneven ground", uneven_ground(kkt, by_constraint, window)
-    yield "negative curvature", negative_curvature(response.hessian)
+    # No error enters along directions that the data do not determine: the sandwich
+    # alone would take them for known.
+    yield "negative curvature", positive_semidefinite(-response.hessian)
     if len(window.push):
         action = response.linearisation.job.data.action
         yield "stick or slip", stick_slip(kkt, by_gradient, window, action)

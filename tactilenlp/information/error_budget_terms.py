@@ -85,15 +85,6 @@ def uneven_ground(kkt: KKTSystem, by_constraint, window) -> np.ndarray:
     return UNEVEN**2 * rows.T @ rows
 
 
-def negative_curvature(C) -> np.ndarray:
-    """Return the covariance (k, k) along which the Hessian, of inverse C, is negative.
-
-    The data do not determine these directions; no error enters there, so that the
-    sandwich alone would take them for known.
-    """
-    return positive_semidefinite(-C)
-
-
 def positive_semidefinite(M, least: float = 0.0) -> np.ndarray:
     """Return a symmetric matrix without eigenvalues below the least."""
     values, vectors = np.linalg.eigh((M + M.T) / 2)

@@ -38,6 +38,7 @@ from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
 from ..problem.job import Job
+from ..problem.window import moved
 
 DATUM_STEP = 1e-6  # [-] of a datum within DATA: of the central differences
 DATA = 1e-2, 1.0  # [SI]: far from the world's origin touches curve as near to it
@@ -146,10 +147,8 @@ def measurement_numbers(kkt: KKTSystem, job: Job, window) -> np.ndarray:
     number = np.arange(1, count + 1).reshape(shape)
 
     def coded(rows, p_wf, sample=None):
-        code = np.zeros_like(p_wf)  # a capsule's orientation follows the position
         sample = rows.sample if sample is None else sample
-        code[:, :3] = CODE * number[sample, rows.finger]
-        return p_wf + code
+        return moved(p_wf, CODE * number[sample, rows.finger])
 
     touch, free, push = window.touch, window.free, window.push
     normal = CODE * (count + number[touch.sample, touch.finger])
@@ -221,10 +220,10 @@ def gaps_of_touches(kkt: KKTSystem, window, data) -> np.ndarray:
     """
     touch = window.touch
     values = kkt.problem.unpack(kkt.x)
-    p_wf = touch.p_wf.T.copy()
+    p_wf = touch.p_wf
     if FINGER_OFFSET in values:
-        p_wf[:3] += values[FINGER_OFFSET][:, touch.finger]
-    gap = at_touches(window, values, p_wf, window.finger.gap)[:, 0]
+        p_wf = moved(p_wf, values[FINGER_OFFSET].T[touch.finger])
+    gap = at_touches(window, values, p_wf.T, window.finger.gap)[:, 0]
     parameters = kkt.problem.parameters
     if COMPLIANCE in parameters:
         inside = kkt.problem.value(INDENTATION, kkt.x, kkt.data)
@@ -282,10 +281,6 @@ def fingers_earlier(window, data, lag: float):
     a finger sticks or slides, Newton steps on the latency end too early (21 of 33 ms).
     """
     rate = rate_of(data, data.finger_position)
-
-    def earlier(rows, p_wf):
-        p_wf = p_wf.copy()
-        p_wf[:, :3] -= lag * rate[rows.sample, rows.finger]
-        return p_wf
-
-    return window.with_fingers(earlier)
+    return window.with_fingers(
+        lambda rows, p_wf: moved(p_wf, -lag * rate[rows.sample, rows.finger])
+    )

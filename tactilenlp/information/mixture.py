@@ -43,7 +43,7 @@ from .error_budget_terms import (
     bounded_pose,
     positive_semidefinite,
 )
-from .tangent_space import TangentSpace, rotations, widest_deviations
+from .tangent_space import rotations, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
 NEGLIGIBLE_WEIGHT = 2.7e-3  # [-] beyond three deviations: less does not count
@@ -63,13 +63,6 @@ class LocalOptimum(NamedTuple):
     covariance: np.ndarray
     solution: object = None
     window: object = None
-
-
-def optimum_of(kkt: KKTSystem, tangent: TangentSpace, solution, window) -> LocalOptimum:
-    """Return where a solve ended, with the covariance by the Hessian."""
-    C, J = kkt.marginal(tangent.chosen), tangent.jacobian
-    C = J @ ((C + C.T) / 2) @ J.T
-    return LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
 
 
 @printed
@@ -135,20 +128,11 @@ def odds_of(estimates, errors: dict) -> tuple[ClassOdds, ...]:
     return tuple(odds)
 
 
-def log_evidence(objective: float, covariance, prior) -> float:
-    """Return Laplace's log evidence [nats] of a class, up to a constant of the data.
-
-    covariance (k, k) of shape and final pose, by the Hessian; prior (k, k): their
-    information before any touch, positive definite.
-    """
-    return -occam_factor(covariance, prior)[0] - objective
-
-
 def occam_factor(covariance, prior) -> tuple[float, float]:
     """Return log prior / posterior volume [nats], and how many directions are told.
 
-    covariance (k, k) of the posterior, prior (k, k): the information before the data.
-    The latter: sum of 1 - posterior / prior variance (MacKay's well-determined ones).
+    covariance (k, k) of the posterior; prior (k, k), positive definite: the information
+    before the data.  How many: sum of 1 - posterior / prior variance (as by MacKay).
     """
     L = np.linalg.cholesky(prior)
     shares = np.linalg.eigvalsh(L.T @ ((covariance + covariance.T) / 2) @ L)

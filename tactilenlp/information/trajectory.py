@@ -203,11 +203,6 @@ def _ways(x, to, before) -> np.ndarray:
 # Constant offsets of the finger positions
 
 
-def offsets_of(values: dict, R_wg) -> np.ndarray | None:
-    """Return by how much each finger is off (F, 3) [m]; None where that is known."""
-    return (R_wg @ values[FINGER_OFFSET]).T if FINGER_OFFSET in values else None
-
-
 def fields_of_offsets(linearisation: Linearisation, tangent) -> dict:
     """Return the fields of an Information that tell of offsets; none if they are known.
 

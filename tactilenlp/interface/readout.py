@@ -31,7 +31,7 @@ from ..information.linearisation import Linearisation
 from ..information.measurement_noise import aligned_normals
 from ..information.mixture import one_mode
 from ..information.tangent_space import prior_deviations, widest_deviations
-from ..information.trajectory import offsets_of, prior_of_offsets
+from ..information.trajectory import prior_of_offsets
 from ..problem.pages import name_of
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
@@ -54,6 +54,7 @@ def read_off(
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution
     R_wg = frame_of(job.scene.ground).rotation.T
+    offset = solution.values.get(FINGER_OFFSET)
     body = (read_hull if job.shape.of_vertices else read_sized)(job, solved)
     information = information_in_time(job, solved, body["faces"], modes)
     status = deadline.marked(solution.status)
@@ -73,7 +74,7 @@ def read_off(
         information=information,
         fit=fit,
         impulses=impulses(solved, request.data, job.scene),
-        finger_offset=offsets_of(solution.values, R_wg),
+        finger_offset=None if offset is None else (R_wg @ offset).T,
         hypotheses=tuple(kept),
         versions=versions(),
         **body | _solved_fields(solved) | {"status": status, "seconds": seconds},
@@ -124,7 +125,7 @@ def _solved_fields(solved) -> dict:
 def read_sized(job, solved) -> dict:
     """Return the fields of an Estimate about the body of a shape with sizes."""
     theta, x, shape = solved.at.theta, poses_at_samples(job, solved.at.x), job.shape
-    p, q = poses(shape, solved.window.motion, theta, x, job.scene.ground)
+    p, q = poses(shape, theta, x, job.scene.ground)
     surface, faces = body_surface(shape, theta), solved.touched
     return {"position": p, "quaternion": q, "body_vertices": surface, "faces": faces}
 

@@ -25,7 +25,7 @@ from ..errors import StartError
 from ..geometry.transforms import planar_matrix, rotation_of
 from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.hypothesis import Hypothesis
-from ..problem.job import FunctionsByPage, Job
+from ..problem.job import Job
 from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions
@@ -140,7 +140,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
     finger offsets are turned back in interface/readout.py, covariances by R_wg in
     information (tangent_space.py, trajectory.py).
 
-    began [s] of time.monotonic(); functions: FunctionsByPage to share, by default new.
+    began [s] of time.monotonic(); functions: those of a Job to share, by default new.
     """
     frame = frame_of(scene.ground)
     data = data.transformed(frame.rotation, frame.translation)
@@ -152,7 +152,7 @@ def make_job(data, scene, shape, options, began, page, functions=None) -> Job:
         data=smooth_paths(data, precision), scene=scene, shape=shape,
         precision=precision, reductions=required_reductions(page, made), page=page,
         options=options, deadline=Deadline.within(options.time_limit, began),
-        functions=FunctionsByPage() if functions is None else functions,
+        functions={} if functions is None else functions,
     )  # fmt: skip
     return job.as_late_as(precision)
 

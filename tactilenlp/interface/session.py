@@ -12,7 +12,6 @@ from ..common.brief import printed
 from ..common.validation import check_range, checked_place, numbers_of
 from ..data.measurements import FARTHEST
 from ..errors import StartError, typed_call
-from ..problem.job import FunctionsByPage
 
 MAX_YAW = 2 * np.pi  # [rad] of a guess
 
@@ -56,13 +55,13 @@ class Session:
     def __init__(self):
         self._by_origin = WeakKeyDictionary()
 
-    def functions_for(self, start, scene, shape, page) -> FunctionsByPage:
+    def functions_for(self, start, scene, shape, page) -> dict:
         """Return the term functions of the estimate `start`; new ones of any other."""
         if getattr(start, "origin", None) not in self._by_origin:
-            return FunctionsByPage()
+            return {}
         solved_as, functions = self._by_origin[start.origin]
         same = solved_as == _solved_as(scene, shape, page)
-        return functions if same else FunctionsByPage()
+        return functions if same else {}
 
     def keep(self, estimate, job) -> None:
         """Keep the term functions of a job for solves that start from its estimate."""

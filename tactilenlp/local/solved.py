@@ -15,7 +15,7 @@ from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
 from ..information.linearisation import Linearisation
-from ..information.mixture import LocalOptimum, occam_of_hull, optimum_of
+from ..information.mixture import LocalOptimum, occam_of_hull
 from ..information.tangent_space import (
     TangentSpace,
     tangent_space_of,
@@ -166,8 +166,8 @@ class Solved:
     @property
     def touched(self) -> np.ndarray:
         """How many samples touched each face of a box, (3, 2): lower end, upper end."""
-        at, window = self.at, self.window
-        _, quaternion = poses(window.shape, window.motion, at.theta, at.x, None)
+        at = self.at
+        _, quaternion = poses(self.window.shape, at.theta, at.x, None)
         turns = self.solution.values.get(FINGER_TURN)
         turns = None if turns is None else turns.T
         return touched_faces(self.job.data, quaternion, turns=turns)
@@ -208,7 +208,10 @@ class Solved:
     @cached_property
     def optimum(self) -> LocalOptimum:
         """Shape and final pose of a shape with sizes, covariance by the Hessian."""
-        return optimum_of(self.kkt, self.tangent, self.solution, self.window)
+        z, R = self.tangent.z, self.tangent.R
+        C, J = self.kkt.marginal(self.tangent.chosen), self.tangent.jacobian
+        C, solution = J @ ((C + C.T) / 2) @ J.T, self.solution
+        return LocalOptimum(z, R, solution.objective, C, solution, self.window)
 
 
 def best_first(solved) -> list[Solved]:

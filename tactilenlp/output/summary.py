@@ -30,9 +30,10 @@ def summary_of(estimate) -> str:
     """Return a paragraph: size, pose, sigma, solve, remarks, what was left out."""
     x, y, z = MM_PER_M * estimate.position[-1]
     a, b, c = MM_PER_M * estimate.information.sigma("position")
+    article = "An" if estimate.shape[:1].lower() in "aeiou" else "A"
     lines = [] if estimate.success else [f"NOT SOLVED ({estimate.status})."]
     lines += [
-        f"{article(estimate.shape)} {estimate.shape} of {size_of(estimate)} "
+        f"{article} {estimate.shape} of {size_of(estimate)} "
         f"at ({x:.2f}, {y:.2f}, {z:.2f}) mm ± ({a:.2f}, {b:.2f}, {c:.2f}) mm, "
         f"{orientation_of(estimate)}, at the last sample.",
         f"{estimate.formulation}: {estimate.status}, objective "
@@ -50,11 +51,6 @@ def summary_of(estimate) -> str:
     lines += remarks_of(estimate)
     lines += [f"Skipped {s}." for s in estimate.skipped]
     return "\n".join(lines)
-
-
-def article(name: str) -> str:
-    """Return the indefinite article of a name at the start of a sentence."""
-    return "An" if name[:1].lower() in "aeiou" else "A"
 
 
 def remarks_of(estimate) -> list[str]:

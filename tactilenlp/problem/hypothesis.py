@@ -71,11 +71,6 @@ class Hypothesis:
             return data
         return replace(data, finger_position=data.finger_position + self.offset.T)
 
-    @property
-    def shift(self) -> np.ndarray:
-        """The offset of the fingers (3, F) [m]; (3, 1) of zeros where it is known."""
-        return np.zeros((3, 1)) if self.offset is None else self.offset
-
     def at(self, samples: int) -> Hypothesis:
         """Return the hypothesis of the first samples only."""
         return replace(self, x=self.x[:, :samples])

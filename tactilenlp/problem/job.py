@@ -30,16 +30,6 @@ from .reductions import (
 from .window import Window
 
 
-class FunctionsByPage(dict):
-    """Derived term functions by page and motion; mutable, shared by related solves.
-
-    Pickled, it is empty: derived functions stay in the process that derived them.
-    """
-
-    def __reduce__(self):
-        return FunctionsByPage, ()
-
-
 @dataclass(frozen=True, eq=False)
 class SearchSettings:
     """How a job is searched.
@@ -60,11 +50,12 @@ class Job:
     """What a solve needs to know, picklable: measurements and how to read them.
 
     page: a module with `build` and `LEVELS`; options: the caller's; deadline: by which
-    it is to end; functions: the caller's store of term functions, filled by the solves;
-    cuts: samples within rest intervals that need a pose of their own; search: what only
-    a search reads; recorded: the data before a latency, if any.
+    it is to end; functions: the caller's store of term functions by page and motion,
+    filled by the solves; cuts: samples within rest intervals that need a pose of their
+    own; search: what only a search reads; recorded: the data before a latency, if any.
 
-    Pickled, it has no page: other processes search, and solve pages of their own.
+    Pickled, it has no page: other processes search, and solve pages of their own.  Nor
+    has it functions: these stay in the process that derived them.
     """
 
     data: Measurements
@@ -75,13 +66,13 @@ class Job:
     page: ModuleType | None
     options: Options
     deadline: Deadline
-    functions: FunctionsByPage
+    functions: dict
     cuts: tuple[int, ...] = ()
     search: SearchSettings = SearchSettings()
     recorded: Measurements | None = None
 
     def __getstate__(self) -> dict:
-        return {**vars(self), "page": None}
+        return {**vars(self), "page": None, "functions": {}}
 
     @property
     def contract(self) -> PageContract:

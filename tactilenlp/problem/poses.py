@@ -9,22 +9,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..data.ground import frame_of
-from ..geometry.transforms import quaternion_of, rotation_of
+from ..geometry.tipping import planar_to_free
+from ..geometry.transforms import is_planar, matrices, quaternion_of, rotation_of
 
 
-def poses(shape, motion, theta, x, ground):
+def poses(shape, theta, x, ground):
     """Return position (T, 3) [m], quaternion (T, 4) wxyz, world, of poses x (u, T)."""
-    t, c = ca.SX.sym("theta", len(theta)), ca.SX.sym("x", motion.unknowns)
-    p, R = motion.pose(shape, t, c)
-    function = ca.Function("pose", [t, c], [p, ca.reshape(ca.densify(R), 9, 1)])
-    samples = x.shape[1]
-    out = function.map(samples)(np.repeat(theta[:, None], samples, 1), x)
-    position, matrices = (np.asarray(o) for o in out)
-    rotation = Rotation.from_matrix(matrices.T.reshape(-1, 3, 3).transpose(0, 2, 1))
-    position = position.T
-    ground = frame_of(ground)
+    x = planar_to_free(theta, x, shape) if is_planar(x) else x
+    ground, rotation = frame_of(ground), Rotation.from_matrix(matrices(x))
     rotation = Rotation.from_matrix(ground.rotation).inv() * rotation
-    return ground.from_ground(position), quaternion_of(rotation)
+    return ground.from_ground(x[:3].T), quaternion_of(rotation)
 
 
 def rotations_on_ground(ground, quaternion) -> Rotation:

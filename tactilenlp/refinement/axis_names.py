@@ -14,7 +14,7 @@ import numpy as np
 
 from formulations.names import CENTRE_OF_MASS, GROUND
 
-from ..geometry.transforms import is_planar, matrices, rotvecs
+from ..geometry.transforms import is_planar, matrices, rotation_matrix, rotvecs
 from ..information.mixture import relabellings
 from ..local.local_solve import built_page, in_motion_of, warm_started
 from ..local.margins import UNCHANGED
@@ -22,7 +22,6 @@ from ..local.solved import Solved
 from ..problem.hypothesis import Hypothesis
 from ..problem.pages import FORMULATIONS, name_of
 from ..solvers.solution import evaluated
-from ..tracking.surface import rotation_at
 
 log = logging.getLogger("tactilenlp")
 UNEQUAL = np.array([0.8, 1.0, 1.25])  # [-] of the mean side, where names are compared
@@ -39,7 +38,7 @@ def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
     """
     if not shape.faced:
         return [*range(len(h.theta))], np.eye(3)
-    R = rotation_at(h, 0)
+    R = rotation_matrix(h.x[:, 0])
 
     def rank(way):
         theta, axes = h.theta[way[0]], R @ way[1]

@@ -15,6 +15,7 @@ import numpy as np
 from ..certificates.certify import certify
 from ..certificates.outliers import unexplained_by_action
 from ..certificates.unreduced import LEFT_OUT
+from ..geometry.transforms import rotation_matrix
 from ..local.comparison import same_body
 from ..local.local_solve import (
     built_page,
@@ -28,7 +29,6 @@ from ..local.solved import Solved, comparable
 from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
-from ..tracking.surface import rotation_at
 from .axis_names import named, with_named_axes
 from .ground_tilt import with_ground_tilt
 from .model_selection import most_probable
@@ -192,7 +192,7 @@ def _solve_tumbles(job, flat, limit: float, executor) -> Solved | None:
     free, best = job.with_reductions(planar=False), None
     levels = [ranking(level) for level in job.contract.from_guesses]
     first = 1 + next(k for k, level in enumerate(levels) if "x" not in level.fixed)
-    like = flat.at.theta, rotation_at(flat.at, 0)
+    like = flat.at.theta, rotation_matrix(flat.at.x[:, 0])
     for h in motions[:MAX_TUMBLE_SOLVES]:
         h = named(job.shape, h, like)
         built = built_page(free, in_motion_of(free, h))

@@ -23,7 +23,7 @@ from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.mixture import (
     distinct_modes,
     laplace_mixture,
-    log_evidence,
+    occam_factor,
     occam_of_vertices,
     odds_of,
     relabellings,
@@ -212,5 +212,5 @@ def evidence_of(estimate, shape) -> float:
         return -cost - occam_of_vertices(covariance, held)
     alike = len(relabellings(shape, upright=k < shape.theta + 6))
     sigma = widest_deviations(shape, k, REACHED, ANY_ROTATION)
-    evidence = log_evidence(cost, covariance, np.diag(1 / sigma**2))
+    evidence = -cost - occam_factor(covariance, np.diag(1 / sigma**2))[0]
     return evidence + np.log(alike)

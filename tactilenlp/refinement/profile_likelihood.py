@@ -38,14 +38,13 @@ from formulations.size_prior import size_cost
 
 from ..data.contact_segments import felt_sides
 from ..geometry.faces import KNOWN_FACE
-from ..geometry.transforms import is_planar
+from ..geometry.transforms import is_planar, rotation_matrix
 from ..information.tangent_space import VERTICAL, final_unknowns, prior_deviations
 from ..local.levels import RANKING_TOLERANCE
 from ..local.margins import PROFILE_RISE
 from ..local.solved import Solved, settings_of
 from ..problem.hypothesis import Hypothesis, resized
 from ..solvers.solve import solve_levels
-from ..tracking.surface import rotation_at
 from .profile_deviation import VAGUE_SHARE, Point, Profile
 
 FACES_DISTANCE = 0.3e-3  # [m] sigma of the distance of two touched faces
@@ -140,7 +139,7 @@ def touched_ends(shape, solved) -> np.ndarray | None:
         return None
     if not shape.faced:
         return np.zeros((shape.theta, 2), int)
-    if rotation_at(solved.at, -1)[2, 2] < VERTICAL:
+    if rotation_matrix(solved.at.x[:, -1])[2, 2] < VERTICAL:
         return None
     faces = solved.touched
     faces[2, 0] += KNOWN_FACE * (solved.job.scene.ground is not None)

@@ -166,8 +166,10 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
         starts = [merged_faces(window, start) for start in best_of(starts)]
         ways = [(start, 0.0) for start in starts]
     else:
-        paths = predicted_paths(job, window, None, samples)
-        ways = [(first_faces(window, path.x), path.cost) for path in paths]
+        ways = [
+            (Faces(*as_measured(window, window.touch, path.x), path.x), path.cost)
+            for path in predicted_paths(job, window, None, samples)
+        ]
     fits = []
     for start, cost in ways:
         if fits and job.deadline.passed("other paths of an action"):
@@ -190,11 +192,6 @@ def _joined(job, window, fitted: Faces) -> Faces:
     if joined is not fitted:
         fitted = solved_faces(job, window, joined, polytope_planes.LEVELS[1:])
     return centred(window, fitted, job.shape.size_prior, job.scene.ground is not None)
-
-
-def first_faces(window, x) -> Faces:
-    """Return the planes of the first touches as measured, of a path x (3, T)."""
-    return Faces(*as_measured(window, window.touch, x), x)
 
 
 def continued_faces(window, faces: Faces, x) -> Faces:

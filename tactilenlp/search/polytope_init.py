@@ -51,42 +51,6 @@ RIGID_BODIES, SOFT_BODIES = 3, 5
 CUBE_CORNER = 3**0.5  # [radii] of a cube's corners about the ball within it
 
 
-class Seen(NamedTuple):
-    """Half-spaces (n, 4) of a body: n . v <= b [m].
-
-    planes: of its touched faces; points (n, 3): touched; ball: about the points, for
-    the side that no finger touched; cuts: between the points and free fingers; ground:
-    whether there is one, at z = 0.
-    """
-
-    planes: np.ndarray
-    points: np.ndarray
-    ball: Ball
-    cuts: np.ndarray
-    ground: bool
-
-
-def seen_of(window, faces: Faces, size, ground: bool) -> Seen:
-    """Return what planes and fingers tell of a body; size: mean and deviation [m]."""
-    planes, points = touched_halfspaces(window, faces)
-    cuts = separating_halfspaces(window, faces, points)
-    return Seen(planes, points, unseen_ball(points, size, ground), cuts, ground)
-
-
-def corners_within_ball(seen: Seen) -> np.ndarray:
-    """Return the vertices (n, 3) [m] behind planes, ground and ball."""
-    unseen = unseen_halfspaces(seen.points, seen.ball, seen.ground)
-    return _cut(np.vstack([seen.planes, unseen]), seen.cuts)
-
-
-def corners_if_closed(seen: Seen) -> np.ndarray | None:
-    """Return the vertices (n, 3) [m] behind planes and ground alone, if they close."""
-    if not seen.ground:
-        return None
-    closing = closing_halfspaces(seen.planes, seen.points, seen.ball)
-    return None if closing is None else _cut(closing, seen.cuts)
-
-
 def _cut(halfspaces, cuts) -> np.ndarray:
     """Return the vertices behind half-spaces, after the deepest cuts by free fingers.
 
@@ -211,13 +175,11 @@ def of_distinct_bodies(job, fits) -> list[Hypothesis]:
     chosen = []
     for count in sorted({h.theta.size for h in fits}):
         alike = [h for h in fits if h.theta.size == count]
-        chosen += distinct(job.shape, alike, len(alike), np.inf, ends, closed_first)
+        chosen += distinct(
+            job.shape, alike, len(alike), np.inf, ends,
+            key=lambda h: (not h.closed, h.rank),
+        )  # fmt: skip
     return sorted(chosen, key=lambda h: h.rank)
-
-
-def closed_first(h: Hypothesis) -> tuple:
-    """Return the key that sorts closed bodies before others, then by rank."""
-    return not h.closed, h.rank
 
 
 def has_likely_count(job, h: Hypothesis) -> bool:
@@ -245,14 +207,17 @@ def hulls_from(job, faces: Faces) -> list[Hypothesis]:
     """
     window = job.window_until(faces.x.shape[1])
     ground = job.scene.ground is not None
-    seen = seen_of(window, faces, job.shape.size_prior, ground)
-    theta = corners_within_ball(seen).ravel()
+    planes, points = touched_halfspaces(window, faces)
+    cuts = separating_halfspaces(window, faces, points)
+    ball = unseen_ball(points, job.shape.size_prior, ground)
+    unseen = unseen_halfspaces(points, ball, ground)
+    theta = _cut(np.vstack([planes, unseen]), cuts).ravel()
     hull = Hypothesis(theta, faces.x, faces.objective, ("planes",))
-    corners = corners_if_closed(seen)
-    if corners is None:
+    closing = closing_halfspaces(planes, points, ball) if ground else None
+    if closing is None:
         return [hull]
-    path = *hull.path, "closed"
-    return [hull, replace(hull, theta=corners.ravel(), path=path, closed=True)]
+    theta, path = _cut(closing, cuts).ravel(), (*hull.path, "closed")
+    return [hull, replace(hull, theta=theta, path=path, closed=True)]
 
 
 def unfitted(job, faces: Faces) -> Hypothesis:

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from ..data.scene import Ground
 from ..geometry.tipping import planar_to_free
 from ..geometry.transforms import matrices, rotvecs, rotvecs_back
-from ..problem.job import FunctionsByPage
 
 PLANE_ARM = 0.02  # [m] of scatter across the plane that counts as a normal across
 PLANE_TILT = 0.2  # [rad] of a body out of the plane, and of a normal with it
@@ -53,9 +52,9 @@ def in_search_plane(job, ground: Ground):
     """Return the job for the planar search: in the plane, without friction."""
     data = job.data.transformed(ground.rotation, ground.translation)
     if job.shape.of_vertices:
-        return replace(job, data=data, functions=FunctionsByPage())
+        return replace(job, data=data, functions={})
     scene = replace(job.scene, ground=ground, friction_ground=0.0)
-    return replace(job, data=data, scene=scene, functions=FunctionsByPage())
+    return replace(job, data=data, scene=scene, functions={})
 
 
 def with_tilted_normals(job):

@@ -84,8 +84,3 @@ def pose_of(shape, theta, x) -> tuple[np.ndarray, np.ndarray]:
     """Return the origin (3,) [m] and rotation (3, 3) of a pose x, planar or free."""
     p = np.r_[x[:2], float(shape.rest_height(theta))] if is_planar(x) else x[:3]
     return p, rotation_matrix(x)
-
-
-def rotation_at(h, sample: int) -> np.ndarray:
-    """Return the rotation (3, 3) of a body at a sample, planar or free."""
-    return rotation_matrix(h.x[:, sample])
