@@ -28,9 +28,10 @@ from ..data.contact_segments import SIDE_NORMAL
 from ..errors import MotionError
 from ..information.measurement_noise import aligned_normals
 from ..local.solved import Solved
+from ..problem.fingertips import moved
 from ..problem.job import Job
 from ..problem.pages import page_of
-from ..problem.window import Window, moved
+from ..problem.window import Window
 
 NORMAL_ERROR = 0.015  # [rad] of a touch model
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more

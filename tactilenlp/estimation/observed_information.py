@@ -37,9 +37,9 @@ from ..interface.result import Estimate
 from ..local.local_solve import built_page
 from ..local.solved import Solved
 from ..nlp.problem import Problem
+from ..problem.fingertips import moved
 from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
-from ..problem.window import moved
 from ..refinement.incremental import past_solution
 
 ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}

@@ -41,7 +41,7 @@ from ..common.validation import as_floats, check_one_of, check_whole
 from ..errors import OptionError, TactileError
 from ..nlp.codegen import compiled
 from ..nlp.kkt import LEAST_CURVATURE, KKTSystem
-from ..problem.window import moved
+from ..problem.fingertips import moved
 
 
 def gauss_newton(kkt: KKTSystem) -> KKTSystem:

@@ -42,8 +42,7 @@ from formulations.names import (
 
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, NORMAL_LAG, normal_rates
 from ..nlp.kkt import gradient
-from ..problem.fingertips import finger_poses
-from ..problem.window import moved
+from ..problem.fingertips import finger_poses, moved
 from .measurement_noise import at_touches, fingers_earlier
 
 if TYPE_CHECKING:

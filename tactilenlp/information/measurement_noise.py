@@ -37,8 +37,8 @@ from ..errors import PageError
 from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
+from ..problem.fingertips import moved
 from ..problem.job import Job
-from ..problem.window import moved
 
 DATUM_STEP = 1e-6  # [-] of a datum within DATA: of the central differences
 DATA = 1e-2, 1.0  # [SI]: far from the world's origin touches curve as near to it

@@ -35,6 +35,11 @@ def finger_poses(data, scene) -> np.ndarray:
     return np.concatenate([data.finger_position, data.finger_orientation], axis=2)
 
 
+def moved(p_wf, way) -> np.ndarray:
+    """Return places p_wf (n, numbers) of fingers, moved by ways (n, 3) or (3,) [m]."""
+    return np.c_[p_wf[:, :3] + way, p_wf[:, 3:]]
+
+
 def as_spheres(data, scene):
     """Return the data as spherical fingertips would measure them, for initial guesses.
 

@@ -51,11 +51,6 @@ class Samples(Rows):
     late_gap: np.ndarray
 
 
-def moved(p_wf, way) -> np.ndarray:
-    """Return places p_wf (n, numbers) of fingers, moved by ways (n, 3) or (3,) [m]."""
-    return np.c_[p_wf[:, :3] + way, p_wf[:, 3:]]
-
-
 @dataclass(frozen=True, eq=False)
 class Steps(Rows):
     """Time steps of dt [s]: index of the pose, and of one and two samples before.
