@@ -214,6 +214,27 @@ def test_a_body_that_is_let_go_in_motion_may_move_on(two_actions, interpreted):
     assert later == pytest.approx(np.broadcast_to(total[:, None], later.shape))
 
 
+def test_a_body_that_is_let_go_after_an_action_may_move_on_until_it_is_felt(
+    two_actions, interpreted
+):
+    data, scene, truth = two_actions
+    felt = np.flatnonzero(data.contact.any(axis=1))
+    (begin,) = np.flatnonzero(np.diff(data.action)) + 1
+    last, after = felt[felt < begin].max(), felt[felt >= begin].min()
+    problem, window = programme(violation_implicit, data, scene)
+    x = true_values(problem, window, truth)["x"]
+    x[:] = x[:, :1]
+    moved = np.array([2e-3, 0.0, 0.1])
+    x[:, window.pose[last] :] += moved[:, None]
+    found = window.let_go(x)
+    between = slice(window.pose[last] + 1, window.pose[after])
+    assert found[:, between] == pytest.approx(
+        np.broadcast_to(moved[:, None], found[:, between].shape)
+    )
+    found[:, between] = 0.0
+    assert not found.any()
+
+
 @pytest.mark.slow
 def test_half_of_the_samples_of_each_finger_tell_nearly_as_much(recorded):
     """Contacts that nothing measured still push: the fit stays as good."""

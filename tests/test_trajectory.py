@@ -8,6 +8,8 @@ import pytest
 from formulations.rigid_body import FREE, PLANAR
 from formulations.shape import CUBOID
 from tactilenlp.errors import OptionError
+from tactilenlp.information import trajectory
+from tactilenlp.information.error_budget_terms import MOVED_ON
 from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
 from tactilenlp.information.trajectory import trajectory_variance
@@ -52,6 +54,28 @@ def test_the_first_poses_are_as_far_off_as_their_deviation_says(estimate, record
     assert off[0].max() > 1e-3  # an early push from above leaves no trace in touches
     assert (off < 4 * estimate.sigma_position[:, :2]).all()
     assert np.mean(off < estimate.sigma_position[:, :2]) > 0.68
+
+
+def test_what_a_body_may_have_moved_unseen_is_at_those_poses_alone(
+    programme, monkeypatch
+):
+    """At every pose, also one between those that are computed for any recording."""
+    monkeypatch.setattr(trajectory, "POSES", 6)
+    again, variances = programme, []
+    pose, k = again.problem.variables["x"], again.window.poses // 2
+    for turn in (0.0, 0.05):
+        at = Linearisation(
+            kkt_system_of(again.problem, again.solution), again.job, again.window
+        )  # fmt: skip
+        motions = at.motions.copy()
+        motions[:, 1] = 0.0
+        motions[pose.span.start + k * pose.rows + 2, 1] = turn
+        vars(at)["motions"] = motions
+        variances.append(trajectory_variance(at, (np.zeros(3), np.zeros((3, 3)))))
+    there = again.window.pose == k
+    more = variances[1][:, 5] - variances[0][:, 5]
+    assert more[there] == pytest.approx(MOVED_ON * 0.05**2, rel=0.05)
+    assert np.abs(more[~there]).max() < 0.1 * MOVED_ON * 0.05**2
 
 
 def test_paths_of_other_optima_and_carried_errors_add_up(programme):
