@@ -6,28 +6,28 @@ import numpy as np
 import pytest
 from programmes import moved_by
 
+from formulations.indentation import COMPLIANCE_SIGMA
 from formulations.names import SOFT_FINGERTIPS
 from tactilenlp import solve_estimate
-from tactilenlp.information.consider_parameters import (
-    SOFT_DEPTH,
-    Prior,
-    by_derivatives,
-)
+from tactilenlp.information.consider_parameters import Prior, by_derivatives
 from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.nlp.kkt import kkt_system_of
 
-STEP = 1e-5  # [m]
+STEP = 1e-5  # [m] under one weight
 
 
-def test_the_error_by_a_depth_is_how_the_optimum_moves_with_thinner_fingers(programme):
+def test_the_error_by_compliance_is_how_the_optimum_moves_with_deeper_touches(
+    programme,
+):
     kkt = kkt_system_of(programme.problem, programme.solution)
     at = Linearisation(kkt, programme.job, programme.window)
-    depth, chosen = at.consider_parameters[SOFT_FINGERTIPS], programme.tangent.chosen
-    told = -kkt.sensitivity(chosen)[0].T @ depth.slope[:, 0]
+    soft, chosen = at.consider_parameters[SOFT_FINGERTIPS], programme.tangent.chosen
+    told = -kkt.sensitivity(chosen)[0].T @ soft.slope[:, 0]
+    assert (at.presses >= programme.job.scene.friction_ground).all()
 
     def deeper(step):
         touch = programme.window.touch
-        thinner = replace(touch, radius=touch.radius - step)
+        thinner = replace(touch, radius=touch.radius - step * at.presses)
         return replace(programme.window, touch=thinner)
 
     moved = moved_by(programme, deeper, STEP)
@@ -40,10 +40,10 @@ def test_sides_are_as_uncertain_as_fingertips_unless_these_are_told_to_be_rigid(
     data, scene, _ = recorded
     mean, sigma, probability = estimate.information.considered[SOFT_FINGERTIPS]
     assert 0 <= mean < 2 * sigma
-    assert sigma < SOFT_DEPTH  # touches tell some of it
+    assert sigma < 0.1 * COMPLIANCE_SIGMA  # pushes of different strength tell it
     assert 0 < probability < 0.6
     part = estimate.information.error_budget("side_lengths")[SOFT_FINGERTIPS]
-    assert (part < 2 * SOFT_DEPTH).all()
+    assert (part < 0.1 * COMPLIANCE_SIGMA).all()
     assert part.max() > 0
     told = replace(scene, compliance=0.0)
     rigid = solve_estimate(data, told, start=estimate)

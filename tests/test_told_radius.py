@@ -104,7 +104,9 @@ def test_the_summary_tells_what_is_not_as_it_was_taken():
     assert "finger 0 is 0.20 ± 0.05 mm larger or the radius of finger 1" in radii
     assert "finger 2" not in radii
     estimate.sensors = Precision(0.0, 0.0, normal_lag=12e-3)
-    assert soft.startswith("Fingertips sit 0.4 ± 0.1 mm in the surface.")
+    assert soft.startswith(
+        "Fingertips yield by 0.4 ± 0.1 mm under the object's weight."
+    )
     assert doubts_in_words(estimate) == [
         edges,
         soft,

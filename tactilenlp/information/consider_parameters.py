@@ -13,7 +13,7 @@ is a spike and slab, exactly zero with odds o : 1, else Gaussian, so that
 
     rounded edges     r >= 0: radius of edges; a finger of radius rho feels the body
                       `shape.rounded(theta, r)` with rho + r
-    soft fingertips   r >= 0: mean of the depth that all touches share
+    soft fingertips   r >= 0: compliance; a touch sits deeper by r times its push
     late touches      r: further latency of contacts and normals; poses are r earlier
     late normals      r: further lag of normals alone
     radius            r: error of one finger's, o = 50; that of all is not observable
@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from formulations.indentation import DEPTH
+from formulations.indentation import COMPLIANCE_SIGMA
 from formulations.names import (
     DEPTH_OF_TOUCH,
     FREE_TERM,
@@ -53,9 +53,7 @@ RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
 TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
 TOLD_RIGHT = 50.0  # [-] odds that a radius was told right
 TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
-# [m] deviation of how deep soft fingertips sit: the root mean square error of 49 faces
-# in precise recordings of MuJoCo's contacts
-SOFT_DEPTH = 0.3e-3
+COMPLIANCE_STEP = 1e-5  # [m] under one weight: change of a compliance, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
@@ -76,9 +74,9 @@ class Prior(NamedTuple):
 class Considered(NamedTuple):
     """What the touches tell of a quantity that the page takes as given.
 
-    mean: where it is likeliest, against that; sigma: its standard deviation; both in
-    [m] of edges, fingertips, radii, [s] of late sensors; probability [-] that it is not
-    so, 1 of a lag that was estimated: mean is what is left of it.
+    mean: where it is likeliest, against that; sigma: its standard deviation; [m] of
+    edges, radii, and of fingertips under one weight, [s] of late sensors; probability
+    [-] that it is not so, 1 of a lag that was estimated: mean is what is left of it.
     """
 
     mean: float
@@ -215,13 +213,15 @@ def told_radius(linearisation: Linearisation, finger: int) -> ConsiderParameter:
 
 
 def soft_fingertips(linearisation: Linearisation) -> ConsiderParameter:
-    """Return what is known of the mean of the depth that all touches share."""
-    kkt = linearisation.kkt
-    variable, of_depth = kkt.problem.variables[DEPTH_OF_TOUCH], 1 / DEPTH**2
-    slope = np.zeros(kkt.problem.size)
-    slope[variable.span] = -of_depth
-    pull, prior = of_depth * kkt.x[variable.span], Prior(SOFT_DEPTH)
-    return by_derivatives(kkt, slope[:, None], pull, np.array([[of_depth]]), prior)
+    """Return what is known of the compliance of fingertips, [m] under one weight.
+
+    By the gaps alone: how hard a finger presses stays as it was found.
+    """
+    window, touch = linearisation.window, linearisation.window.touch
+    deeper = touch.radius - COMPLIANCE_STEP * linearisation.presses
+    softer = replace(window, touch=replace(touch, radius=deeper))
+    ends = ends_of(linearisation, softer)
+    return _of_one(linearisation.kkt, ends, COMPLIANCE_STEP, Prior(COMPLIANCE_SIGMA))
 
 
 def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:

@@ -16,9 +16,11 @@ from functools import cached_property
 
 import numpy as np
 
-from formulations.names import TOUCH_TERM
+from formulations.names import FINGER_IMPULSE, TOUCH_TERM
+from formulations.rigid_body import G
 
 from ..data.ground import frame_of
+from ..data.scene import low_friction
 from ..data.sensor_noise import reported_late
 from ..geometry.transforms import is_planar
 from ..nlp.kkt import KKTSystem
@@ -74,6 +76,23 @@ class Linearisation:
         motions = np.zeros((kkt.x.size, 3))
         motions[pose.span] = np.stack(ways, axis=1)
         return motions
+
+    @cached_property
+    def presses(self) -> np.ndarray:
+        """How hard each touch (touches,) presses, in weights.
+
+        By its impulse, and at least what slides a body over the ground: how hard two
+        fingers squeeze it, or one presses on its top, no motion tells.
+        """
+        problem, window, scene = self.kkt.problem, self.window, self.job.scene
+        least = np.full(len(window.touch), low_friction(scene))
+        if FINGER_IMPULSE not in problem.reports or not len(window.push):
+            return least
+        row, stepped = window.push_of_touch
+        impulse = problem.value(FINGER_IMPULSE, self.kkt.x, self.kkt.data)[row]
+        weight = scene.mass * G * window.step.dt[window.push.step[row]]
+        found = -(impulse * window.touch.normal).sum(axis=1) / weight
+        return np.maximum(least, stepped * found)
 
     @cached_property
     def tilt(self) -> ConsiderParameter | None:

@@ -204,7 +204,8 @@ def doubts_in_words(estimate) -> list[str]:
         if name == ROUNDED_EDGES:
             lines.append(f"The edges are rounded by {size:.1f} ± {error:.1f} mm.")
         elif name == SOFT_FINGERTIPS:
-            lines.append(f"Fingertips sit {size:.1f} ± {error:.1f} mm in the surface.")
+            by = f"{size:.1f} ± {error:.1f} mm under the object's weight"
+            lines.append(f"Fingertips yield by {by}.")
         elif name == LATE_NORMALS and not estimate.sensors.normal_lag:
             late = f"{MS_PER_S * abs(off):.0f} ± {MS_PER_S * sigma:.0f} ms"
             lines.append(f"Normals are {late} later than contacts.")
