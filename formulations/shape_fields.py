@@ -12,10 +12,10 @@ MOST_SIZES = 3000  # [1] entries of theta: a hull of 1000 vertices
 FUNCTIONS = {  # and what they are called with
     "distance": "theta, q, small", "normal": "theta, q, small",
     "corner": "theta, signs", "rest_height": "theta", "reach": "theta",
-    "symbol": "name, rows",
+    "symbol": "name, rows", "pushed": "shape, theta",
 }  # fmt: skip
 OPTIONAL = {  # may be None
-    "foot_squared": "theta, R_wo", "pushed": "shape, theta", "rounded": "theta, r",
+    "foot_squared": "theta, R_wo", "rounded": "theta, r",
     "mesh": "theta", "support": "theta, n", "inertia": "theta",
 }  # fmt: skip
 LOGICAL = "mirrored", "of_vertices", "round"
