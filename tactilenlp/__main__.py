@@ -14,7 +14,7 @@ from .common.interrupt import interruptible
 from .common.npz import format_of
 from .common.whole_file import check_file, check_folder
 from .errors import FileError, Interrupted, OptionError, TactileError
-from .output.export import MESHES, MODELS, check_format
+from .output.export import check_format
 from .problem.pages import FORMULATIONS, SHAPES, shape_of
 
 EPILOG = """examples:
@@ -34,9 +34,7 @@ NOISY_SENSORS = {"position": 1e-3, "normal": math.radians(5), "flips": 0.01}  # 
 SIDE_RANGE = (0.03, 0.06)  # [m] of random boxes
 PLACE_RANGE = 0.02  # [m] of their centres to each side
 SHIPPED = ("cuboid", "polytope")  # classes of recordings that are shipped
-SUFFIXES = {  # of files written
-    "save": (".npz",), "output": (".html", ".htm"), "export": (*MESHES, *MODELS),
-}  # fmt: skip
+SUFFIXES = {"save": (".npz",), "output": (".html", ".htm")}  # of files written
 INTERRUPTED_CODE = 130  # exit code after Ctrl-C, as of shells
 SCENE_OPTIONS = {  # known properties of the scene: option, unit
     "mass": "[kg] of the object",
@@ -161,11 +159,16 @@ def _check_outputs(given) -> None:
     if "export" not in given:  # a command that writes no estimate
         return
     taken = {given.file.absolute()}
-    for name, suffixes in SUFFIXES.items():
+    for name in ("save", "output", "export"):
         if not (path := getattr(given, name, None)):
             continue
         check_file(path, f"--{name}")
-        check_format(path, suffixes)
+        suffixes = SUFFIXES.get(name, ())
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise OptionError(
+                "no such format", where=f"--{name} {path}",
+                got=path.suffix or "no suffix", expected=" or ".join(suffixes),
+            )  # fmt: skip
         if path.absolute() in taken:
             raise OptionError(
                 "would replace another file", where=f"--{name} {path}",
@@ -173,6 +176,8 @@ def _check_outputs(given) -> None:
                 next="give each output a name of its own",
             )  # fmt: skip
         taken.add(path.absolute())
+    if given.export:
+        check_format(given.export)
     if given.command == "explore":
         check_folder(given.file, "FILE")
 
@@ -186,7 +191,7 @@ def _write_outputs(estimate, given) -> None:
         estimate.report(given.output)
     if given.export:
         estimate.export(given.export)
-    for name in SUFFIXES:
+    for name in ("save", "output", "export"):
         if path := getattr(given, name, None):
             print(f"Wrote {path}.")
 

@@ -59,12 +59,17 @@ def judged(world: str, number: int) -> dict:
     }
 
 
-def ratios(estimate, true, sample: int) -> dict[str, np.ndarray]:
-    """Return |error| / sigma of sizes, and of position and yaw at a sample."""
-    sides, sigma = true["side_lengths"], estimate.information.sigma
+def errors_at(estimate, true, sample: int):
+    """Return the errors of a box at a sample, modulo its symmetries."""
     found = estimate.position[sample], estimate.quaternion[sample]
     truth = true["object_position"][sample], true["object_quaternion"][sample]
-    error = cuboid_errors(estimate.side_lengths, *found, sides, *truth)
+    sides = estimate.side_lengths, true["side_lengths"]
+    return cuboid_errors(sides[0], *found, sides[1], *truth)
+
+
+def ratios(estimate, true, sample: int) -> dict[str, np.ndarray]:
+    """Return |error| / sigma of sizes, and of position and yaw at a sample."""
+    error, sigma = errors_at(estimate, true, sample), estimate.information.sigma
     order = error.permutation
     pose = {name: sigma(name, sample=sample) for name in ("position", "rotation")}
     return {
@@ -76,10 +81,7 @@ def ratios(estimate, true, sample: int) -> dict[str, np.ndarray]:
 
 def shares(estimate, true) -> dict[str, dict[str, list[float]]]:
     """Return the share of each error in the variance of sizes, position and yaw."""
-    last, sides = len(estimate.position) - 1, true["side_lengths"]
-    found = estimate.position[last], estimate.quaternion[last]
-    truth = true["object_position"][last], true["object_quaternion"][last]
-    order = cuboid_errors(estimate.side_lengths, *found, sides, *truth).permutation
+    order = errors_at(estimate, true, len(estimate.position) - 1).permutation
     taken = {"side_lengths": order, "position": range(3), "rotation": [2]}
     named = zip(("sizes", "position", "yaw"), taken.items(), strict=True)
     return {

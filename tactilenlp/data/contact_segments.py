@@ -32,6 +32,11 @@ def samples_until(data: Measurements, samples: int) -> Measurements:
     return data.select(np.unique(data.action[:samples]))
 
 
+def ends_of_actions(data) -> np.ndarray:
+    """Return the last sample of every action."""
+    return np.flatnonzero(np.diff(data.action, append=np.inf))
+
+
 def intervals(data: Measurements) -> np.ndarray:
     """Return the median sample interval (T,) [s] of the action of each sample."""
     out = np.empty(len(data.time))

@@ -93,12 +93,13 @@ def suspicion(data: Measurements, scene: Scene) -> str:
 
 def most_likely(
     record: Record, every=True, alpha: float = FALSE_ALARM
-) -> tuple[Mistake, float, float]:
+) -> tuple[Mistake | None, float, float]:
     """Return the most likely mistake, its gain [nats], and the limit of a gain.
 
-    every: evaluate also mistakes whose gain cannot exceed the limit, since the terms
-    that they change are near the most that they can be, or since no others than kinks
-    gain by them; alpha [1]: of a false alarm.
+    None, with a gain of minus infinity, where none was evaluated.  every: evaluate also
+    mistakes whose gain cannot exceed the limit, since the terms that they change are
+    near the most that they can be, or since no others than kinks gain by them; alpha
+    [1]: of a false alarm.
     """
     recorded, mistakes = log_likelihood(record), [*mistakes_of(record)]
     limit = float(np.log(len(mistakes) / alpha))

@@ -233,11 +233,10 @@ class Window:
         moved since, and before that in a time step, the longer one of the last two.
         """
         out, touched, end = np.zeros_like(x), self.touch.sample, len(self.pose)
-        ways = x[:, self.step.pose] - x[:, self.step.before]
+        at, ways = self.step.sample, x[:, self.step.pose] - x[:, self.step.before]
         for begin in (*self.gap.sample, end):  # of the next action
             last = touched[touched < begin].max(initial=-1)
             until = touched[touched >= begin].min(initial=end)
-            at = self.step.sample
             pushed = ways[:, (last - 2 < at) & (at <= last)].T
             if len(pushed):
                 way = max(pushed, key=lambda k: np.linalg.norm(k / self.motion.scale))

@@ -16,7 +16,11 @@ import numpy as np
 
 from ..common.interrupt import interruptible
 from ..common.progress import progress
-from ..data.contact_segments import samples_until, without_outliers
+from ..data.contact_segments import (
+    ends_of_actions,
+    samples_until,
+    without_outliers,
+)
 from ..errors import NoContactError, TactileError
 from ..geometry.convex_hull import (
     Ball,
@@ -102,13 +106,13 @@ def search_polytope(job, kept, keep=lambda _: None) -> list[Hypothesis]:
     Raises NoContactError where no touch is credible.
     """
     job = with_credible_touches(job)
-    action, ways = job.data.action, []
+    ways = []
     known = kept[0].compliance if kept else None
     for compliance, cost in compliances_of(job, known).items():
         rigid = as_of_rigid_fingertips(job, compliance)
         faces = [planes_on_body(rigid, kept[0])] if kept else []
         ways.append(Searched(rigid, faces, cost))
-    ends = np.searchsorted(action, np.unique(action), side="right").tolist()
+    ends = (1 + ends_of_actions(job.data)).tolist()
     ends = [last for last in ends if job.data.contact[:last].any()]
     try:
         with interruptible():
@@ -171,7 +175,7 @@ def of_distinct_bodies(job, fits) -> list[Hypothesis]:
 
     At the end of any action; a closed one stands for both.
     """
-    ends = np.flatnonzero(np.diff(job.data.action, append=np.inf))
+    ends = ends_of_actions(job.data)
     chosen = []
     for count in sorted({h.theta.size for h in fits}):
         alike = [h for h in fits if h.theta.size == count]

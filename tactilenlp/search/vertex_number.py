@@ -15,6 +15,7 @@ import numpy as np
 
 from formulations import polytope_quasi_static
 
+from ..data.contact_segments import ends_of_actions
 from ..geometry.convex_hull import centroid, departure, fingers_in_body, volume
 from ..geometry.simplification import (
     more_vertices,
@@ -45,7 +46,7 @@ def likeliest(job, hulls) -> list[Hypothesis]:
     deadline those of the bodies fitted by then, one at least.
     """
     counts, fits, least = counts_of(job.shape), [], np.inf
-    known, ends = [], np.flatnonzero(np.diff(job.data.action, append=np.inf))
+    known, ends = [], ends_of_actions(job.data)
     for start in (start for hull in hulls for start in starts_of(job, hull, counts)):
         if fits and job.deadline.passed("other numbers of vertices"):
             break
