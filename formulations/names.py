@@ -25,5 +25,6 @@ BALL = "ball"  # unknowns of the ball that the prior of a hull's vertices lies a
 RADIUS_OF = "radius of finger "  # and its number: considered, as it was told
 ROUNDED_EDGES = "rounded edges"  # considered: edges are taken as sharp
 SOFT_FINGERTIPS = "soft fingertips"  # considered: fingertips are taken as rigid
+PRESSES = "presses on top"  # considered: how hard soft fingertips press down
 LATE_NORMALS = "late normals"  # considered: error of their lag
 LATE_TOUCHES = "late touches"  # considered: error of their latency

@@ -17,7 +17,9 @@ is a spike and slab, exactly zero with odds o : 1, else Gaussian, so that
     late touches      r: further latency of contacts and normals; poses are r earlier
     late normals      r: further lag of normals alone
     radius            r: error of one finger's, o = 50; that of all is not observable
+    presses on top    r: by how much harder soft fingertips press down, in weights
     ground tilt       r (2,): rotation about the ground's horizontal axes
+                      (linearisation.py)
 """
 
 from __future__ import annotations
@@ -26,14 +28,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from formulations.indentation import COMPLIANCE_SIGMA
+from formulations.indentation import COMPLIANCE_SIGMA, PUSH, told
 from formulations.names import (
+    COMPLIANCE,
     DEPTH_OF_TOUCH,
     FREE_TERM,
     LATE_NORMALS,
     LATE_TOUCHES,
+    PRESSES,
     RADIUS_OF,
     ROUNDED_EDGES,
     SOFT_FINGERTIPS,
@@ -42,7 +45,7 @@ from formulations.names import (
 
 from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, NORMAL_LAG, normal_rates
 from ..nlp.kkt import gradient
-from ..problem.fingertips import finger_poses, moved
+from ..problem.fingertips import moved
 from .measurement_noise import at_touches, fingers_earlier
 
 if TYPE_CHECKING:
@@ -52,8 +55,8 @@ LAG_STEP = 1e-5  # [s] change of a lag, of differences
 RADIUS_STEP = 1e-5  # [m] change of the radius of edges, of differences
 TOLD_RADIUS = 0.5e-3  # [m] deviation of a radius that was told wrong
 TOLD_RIGHT = 50.0  # [-] odds that a radius was told right
-TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 COMPLIANCE_STEP = 1e-5  # [m] under one weight: change of a compliance, of differences
+PRESS_STEP = 1e-3  # [weights] change of a press, of differences
 EDGE = 2e-3  # [m] deviation of r: machined, printed and card boxes have up to 3 mm
 
 
@@ -129,6 +132,7 @@ class ConsiderParameter:
 def scalars_of(linearisation: Linearisation) -> dict[str, ConsiderParameter]:
     """Return all of one component, by name; none without touches."""
     problem, window = linearisation.kkt.problem, linearisation.window
+    job = linearisation.job
     if TOUCH_TERM not in problem.costs:
         return {}
     found = {
@@ -137,7 +141,9 @@ def scalars_of(linearisation: Linearisation) -> dict[str, ConsiderParameter]:
     }
     if window.shape.rounded is not None:
         found[ROUNDED_EDGES] = rounded_edges(linearisation)
-    rigid = linearisation.job.scene.compliance is None and not window.compliant
+    if window.compliant and job.scene.ground is not None:
+        found[PRESSES] = presses_on_top(linearisation)
+    rigid = job.scene.compliance is None and not window.compliant
     if rigid and DEPTH_OF_TOUCH in problem.variables:
         found[SOFT_FINGERTIPS] = soft_fingertips(linearisation)
     for f in np.unique(window.touch.finger).tolist():
@@ -217,34 +223,26 @@ def soft_fingertips(linearisation: Linearisation) -> ConsiderParameter:
 
     By the gaps alone: how hard a finger presses stays as it was found.
     """
-    window, touch = linearisation.window, linearisation.window.touch
-    deeper = touch.radius - COMPLIANCE_STEP * linearisation.presses
-    softer = replace(window, touch=replace(touch, radius=deeper))
-    ends = ends_of(linearisation, softer)
-    return _of_one(linearisation.kkt, ends, COMPLIANCE_STEP, Prior(COMPLIANCE_SIGMA))
+    prior = Prior(COMPLIANCE_SIGMA)
+    return _deeper(linearisation, linearisation.presses, COMPLIANCE_STEP, prior)
 
 
-def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
-    """Return what is known of the tilt (2,) [rad] of the ground.
+def presses_on_top(linearisation: Linearisation) -> ConsiderParameter:
+    """Return what is known of how much harder soft fingertips press down, in weights.
 
-    about (3,) [m]: the point of the ground that stays, ground frame.
+    The ground carries it: no motion tells, and a solve finds the least.
     """
-    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
-    touch, ground, by_turn = window.touch, job.scene.ground, []
-    at = touch.sample, touch.finger
-    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
-        R = Rotation.from_rotvec([*np.multiply(-TILT_STEP, way), 0.0]).as_matrix()
-        seen = job.data.transformed(R, about - R @ about)
-        p_wf, normal = finger_poses(seen, job.scene)[at], seen.normal[at]
-        touched = replace(touch, p_wf=p_wf, normal=normal)
-        ends = ends_of(linearisation, replace(window, touch=touched))
-        by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
-    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
-    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
-    pull, bend = np.array([pull_x, pull_y]), np.array([[xx, mixed], [mixed, yy]])
-    turned = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
-    prior = Prior(job.scene.sigma_tilt, -turned, -np.inf, odds=ground.told is None)
-    return by_derivatives(kkt, slope, pull, bend, prior)
+    values, scene = linearisation.values, linearisation.job.scene
+    c = values[COMPLIANCE].item() if COMPLIANCE in values else told(scene)
+    by_press = c * np.maximum(linearisation.window.touch.normal[:, 2], 0.0)
+    return _deeper(linearisation, by_press, PRESS_STEP, Prior(PUSH, odds=0.0))
+
+
+def _deeper(linearisation, depths, step: float, prior: Prior) -> ConsiderParameter:
+    """Return what is known of r, where touches (touches,) sit deeper by r depths."""
+    window, touch = linearisation.window, linearisation.window.touch
+    softer = replace(window, touch=replace(touch, radius=touch.radius - step * depths))
+    return _of_one(linearisation.kkt, ends_of(linearisation, softer), step, prior)
 
 
 def derivatives(problem, ends, step: float, names=(TOUCH_TERM,)) -> tuple:

@@ -59,6 +59,7 @@ from formulations.names import (
     GROUND_GAP,
     LATE_NORMALS,
     LATE_TOUCHES,
+    PRESSES,
     RADIUS_OF,
     ROUNDED_EDGES,
     SOFT_FINGERTIPS,
@@ -95,7 +96,7 @@ def errors_of_sensing(response: Response) -> Iterator[tuple[str, np.ndarray]]:
         off = model_error(kkt, *by_touches, job, linearisation.window)
         yield "touches off the model", off
     given = linearisation.consider_parameters
-    for name in (ROUNDED_EDGES, SOFT_FINGERTIPS, LATE_NORMALS, LATE_TOUCHES):
+    for name in (ROUNDED_EDGES, SOFT_FINGERTIPS, PRESSES, LATE_NORMALS, LATE_TOUCHES):
         if name in given:
             velocities = response.motions[:1].T if name == LATE_TOUCHES else 0.0
             yield name, given[name].covariance(by_gradient, velocities)

@@ -11,10 +11,11 @@ K of the solution and central differences of exact gradients: no solve is repeat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from formulations.names import FINGER_IMPULSE, TOUCH_TERM
 from formulations.rigid_body import G
@@ -24,9 +25,17 @@ from ..data.scene import low_friction
 from ..data.sensor_noise import reported_late
 from ..geometry.transforms import is_planar
 from ..nlp.kkt import KKTSystem
+from ..problem.fingertips import finger_poses
 from ..problem.job import Job
 from ..problem.window import Window
-from .consider_parameters import ConsiderParameter, ground_tilt, scalars_of
+from .consider_parameters import (
+    ConsiderParameter,
+    Prior,
+    by_derivatives,
+    derivatives,
+    ends_of,
+    scalars_of,
+)
 from .measurement_noise import (
     MixedDerivatives,
     mixed_derivatives,
@@ -35,6 +44,7 @@ from .measurement_noise import (
 from .tangent_space import pose_jacobians
 
 ASSUMPTION_STEP = 1e-4  # [-] relative change of what was assumed
+TILT_STEP = 1e-5  # [rad] change of a tilt of the ground, of differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,3 +223,26 @@ def difference(by_gradient, by_constraint, ends, step) -> np.ndarray:
     """Return the change (k,) with r; ends: KKT residuals at r = step, -step."""
     (s, g), (s_1, g_1) = ends
     return -(by_gradient.T @ (s - s_1) + by_constraint.T @ (g - g_1)) / (2 * step)
+
+
+def ground_tilt(linearisation: Linearisation, about) -> ConsiderParameter:
+    """Return what is known of the tilt (2,) [rad] of the ground.
+
+    about (3,) [m]: the point of the ground that stays, ground frame.
+    """
+    kkt, window, job = linearisation.kkt, linearisation.window, linearisation.job
+    touch, ground, by_turn = window.touch, job.scene.ground, []
+    at = touch.sample, touch.finger
+    for way in ((1, 0), (0, 1), (1, 1)):  # the last one for the mixed derivative
+        R = Rotation.from_rotvec([*np.multiply(-TILT_STEP, way), 0.0]).as_matrix()
+        seen = job.data.transformed(R, about - R @ about)
+        p_wf, normal = finger_poses(seen, job.scene)[at], seen.normal[at]
+        touched = replace(touch, p_wf=p_wf, normal=normal)
+        ends = ends_of(linearisation, replace(window, touch=touched))
+        by_turn.append(derivatives(kkt.problem, ends, TILT_STEP))
+    (b_x, pull_x, xx), (b_y, pull_y, yy), (_, _, both) = by_turn
+    slope, mixed = np.stack([b_x, b_y], axis=1), (both - xx - yy) / 2
+    pull, bend = np.array([pull_x, pull_y]), np.array([[xx, mixed], [mixed, yy]])
+    turned = (ground.rotation @ ground.tilt)[:2]  # so far, from where it was told
+    prior = Prior(job.scene.sigma_tilt, -turned, -np.inf, odds=ground.told is None)
+    return by_derivatives(kkt, slope, pull, bend, prior)

@@ -20,7 +20,7 @@ from formulations.finger_turn import TURN_SIGMA
 from formulations.names import FINGER_TURN
 
 from ..geometry.transforms import is_planar, matrices, rotvecs, rotvecs_back
-from ..information.consider_parameters import ground_tilt
+from ..information.linearisation import ground_tilt
 from ..information.mixture import occam_of
 from ..local.local_solve import continuation, warm_started
 from ..local.margins import UNCHANGED
