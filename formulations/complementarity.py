@@ -26,7 +26,7 @@ import casadi as ca
 
 from . import centre_of_mass, contact, finger_contact, indentation, names
 from .balance import Balance, Dynamics, contacts_of
-from .between_actions import add_coasting
+from .between_actions import add_moved_on
 from .contact import MM
 from .finger_contact import pushing
 from .friction import Impulses, add_cone, friction, impulses
@@ -57,7 +57,7 @@ def build(nlp, window, scene, shape):
     theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
     add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, depth)
     add_free(nlp, window, shape, theta, x)
-    add_coasting(nlp, window, shape, theta, x)
+    add_moved_on(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
     indentation.add_prior(nlp, depth)
     eps = nlp.parameter("eps", EPS, "weights mm")

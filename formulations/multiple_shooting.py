@@ -17,7 +17,7 @@ from __future__ import annotations
 import casadi as ca
 
 from . import indentation
-from .between_actions import add_coasting
+from .between_actions import add_moved_on
 from .friction import friction
 from .level import Level
 from .likelihood import add_free, add_touches
@@ -47,7 +47,7 @@ def build(nlp, window, scene, shape):
     theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
     add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, depth)
     add_free(nlp, window, shape, theta, x)
-    add_coasting(nlp, window, shape, theta, x)
+    add_moved_on(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
     indentation.add_prior(nlp, depth)
     body = Sliding(shape, window.finger, scene.mass, scene.gravity)

@@ -46,7 +46,7 @@ from __future__ import annotations
 
 from . import balance, centre_of_mass, finger_contact, ground_contact, indentation
 from .balance import Balance, Dynamics, contacts_of
-from .between_actions import add_coasting
+from .between_actions import add_moved_on
 from .finger_offset import displaced
 from .finger_turn import with_normals_turned_back
 from .friction import Impulses, add_cone, friction, impulses
@@ -94,7 +94,7 @@ def build(nlp, window, scene, shape, law=Balance):
     theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
     add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, delta)
     add_free(nlp, window, shape, theta, x)
-    add_coasting(nlp, window, shape, theta, x)
+    add_moved_on(nlp, window, shape, theta, x)
     add_size_prior(nlp, shape, theta)
     indentation.add_prior(nlp, delta)
     centre = centre_of_mass.declare(nlp, window, scene, shape)

@@ -23,9 +23,7 @@ def test_what_an_object_may_do_between_actions_is_a_density(two_actions):
     assert trapezoid(mass[near], r[near]) > 0.98 * trapezoid(mass, r)
 
 
-def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it(
-    two_actions,
-):
+def test_an_object_that_is_still_pushed_stops_or_goes_another_step_on(two_actions):
     data, scene, truth = two_actions
     problem, window = programme(violation_implicit, data, scene)
     gap, x = window.gap, true_values(problem, window, truth)["x"]
@@ -42,13 +40,18 @@ def test_an_object_that_still_slides_comes_to_rest_as_far_on_as_friction_lets_it
         values = {"theta": truth["side_lengths"], "x": moved}
         return sums(problem, values)["between actions"]
 
-    width = np.hypot(between_actions.GAP, coast)
-    widened = 3 * np.log(width / between_actions.GAP)
+    def cauchy(way, more):
+        """Return the price of a way [m] in a density that is wider by more [m]."""
+        width = np.hypot(between_actions.GAP, more)
+        norm = 3 * np.log(width / between_actions.GAP)
+        return norm + 2 * np.log1p((way / width) ** 2)
+
     assert price(0, 0) == pytest.approx(0, abs=1e-12)
-    assert price(0, jump) == pytest.approx(
-        2 * np.log1p((jump / between_actions.GAP) ** 2)
-    )
-    assert price(speed, 0) == pytest.approx(widened)
-    assert price(speed, jump) == pytest.approx(
-        widened + 2 * np.log1p((jump / width) ** 2)
-    )
+    assert price(0, jump) == pytest.approx(cauchy(jump, 0))
+    step = speed * gap.dt[0]
+    for jump in (-step, 0.0, coast, step, 1.2 * step):
+        stops = cauchy(jump, coast)
+        goes_on = cauchy(jump - step, between_actions.PUSHED_ON * step)
+        either = -np.logaddexp(-stops, -goes_on) + np.log(2)
+        assert price(speed, jump) == pytest.approx(either)
+    assert price(speed, step) < price(speed, -step)

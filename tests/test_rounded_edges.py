@@ -7,7 +7,7 @@ import pytest
 
 from formulations import indentation, violation_implicit
 from formulations.balance import Dynamics, contacts_of
-from formulations.between_actions import add_coasting
+from formulations.between_actions import add_moved_on
 from formulations.likelihood import add_free, add_touches
 from formulations.rigid_body import declare_poses
 from formulations.shape import CUBOID
@@ -68,7 +68,7 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         noise = violation_implicit.TOUCH, violation_implicit.NORMAL
         add_touches(problem, window, shape, *x, *noise, delta)
         add_free(problem, window, shape, *x)
-        add_coasting(problem, window, shape, *x)
+        add_moved_on(problem, window, shape, *x)
         add_size_prior(problem, shape, x[0])
         indentation.add_prior(problem, delta)
         fingers, ground = contacts_of(window, CUBOID)

@@ -222,9 +222,9 @@ def verdict_of(total: Misfit, *others: Misfit) -> tuple[str, float]:
 
 def _largest_motion(x, window) -> Misfit:
     """Return the largest cost of a motion between two actions; x (unknowns, poses)."""
-    way, slid = moved_between(x, window)
+    way, on = moved_between(x, window)
     others = (np.log(way).sum() - np.log(way) + np.log(GAP)) / len(way)
-    u = way / np.hypot(np.exp(others), slid)
+    u = way / np.hypot(np.exp(others), on)
     return Misfit(float((CAUCHY * np.log1p(u**2)).max()), *OF_MOTION)
 
 

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from formulations.indentation import PUSH
 from formulations.names import FINGER_IMPULSE, TOUCH_TERM
 from formulations.rigid_body import G
 
@@ -92,10 +93,11 @@ class Linearisation:
         """How hard each touch (touches,) presses, in weights.
 
         By its impulse, and at least what slides a body over the ground: how hard two
-        fingers squeeze it, or one presses on its top, no motion tells.
+        fingers squeeze it, no motion tells, nor how hard one presses on its top, where
+        it is at least the deviation of a push.
         """
         problem, window, scene = self.kkt.problem, self.window, self.job.scene
-        least = np.full(len(window.touch), low_friction(scene))
+        least = np.maximum(low_friction(scene), PUSH * window.touch.normal[:, 2])
         if FINGER_IMPULSE not in problem.reports or not len(window.push):
             return least
         row, stepped = window.push_of_touch

@@ -175,20 +175,21 @@ def _apart(optimum, samples, reference, R_wg) -> np.ndarray:
 
 
 def moved_between(x, window) -> tuple[np.ndarray, np.ndarray]:
-    """Return ways (n,) [m] between actions, and how far the body would slide on.
+    """Return ways (n,) [m] between actions, and how far the body would move on.
 
-    x (unknowns, poses) of a planar or free path in a window.
+    By another step as the last one, or until friction stops it; x (unknowns, poses) of
+    a planar or free path in a window.
     """
     gap = window.gap
-    speed = _ways(x, gap.before, gap.before_2) / gap.dt
-    slid = speed**2 / (2 * max(window.braking, ICE))
-    return np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY), slid
+    last = _ways(x, gap.before, gap.before_2)
+    slid = (last / gap.dt) ** 2 / (2 * max(window.braking, ICE))
+    return np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY), np.maximum(last, slid)
 
 
 def moved_farther(x, window, least: float) -> bool:
-    """Tell whether a body moved between two actions by more [m] than it slid on."""
-    way, slid = moved_between(x, window)
-    return bool((way > least + slid).any())
+    """Tell whether a body moved between two actions by more [m] than it moves on."""
+    way, on = moved_between(x, window)
+    return bool((way > least + on).any())
 
 
 def _ways(x, to, before) -> np.ndarray:

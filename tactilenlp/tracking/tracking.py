@@ -123,9 +123,13 @@ def _after_push(ekf, tracks, before, t, active, noise):
 def between_actions(tracks, rng) -> Tracks:
     """Return tracks after the fingers retracted: at rest.
 
-    How the retraction moved them has the density of formulations/between_actions.py.
+    How the retraction moved them has the density of formulations/between_actions.py:
+    they stopped or went one more step on, of which these are mean and covariance.
     """
-    resting = replace(tracks, motion=np.zeros_like(tracks.motion))
+    half, z, P = tracks.motion / 2, tracks.z.copy(), tracks.P.copy()
+    z[-3:] += half
+    P[-3:, -3:] += half[:, None] * half[None]
+    resting = replace(tracks, z=z, P=P, motion=np.zeros_like(tracks.motion))
     scale = drawn_scales(GAP_FREEDOM, tracks.z.shape[1], rng)
     return _with_noise(resting, scale * GAP_POSE)
 
