@@ -14,7 +14,7 @@ from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
 from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
-from tactilenlp.local.margins import DECISIVE, UNCHANGED
+from tactilenlp.local.margins import DECISIVE, PHYSICS_SHARE
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
@@ -125,9 +125,9 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
-    moved, balance = 0.0, 0.99 * (DECISIVE + UNCHANGED)  # of one action
+    moved, balance = 0.0, 0.99 * (DECISIVE + PHYSICS_SHARE)  # of one action
     assert not searched(asked)
-    balance = 1.01 * (DECISIVE + UNCHANGED)
+    balance = 1.01 * (DECISIVE + PHYSICS_SHARE)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
     assert not searched(asked, precision=Precision(1e-3, 0.1))

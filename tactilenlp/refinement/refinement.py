@@ -24,6 +24,7 @@ from ..local.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
     NEGLIGIBLE,
+    PHYSICS_SHARE,
     UNCHANGED,
 )
 from ..local.solved import Solved, best_first
@@ -136,7 +137,7 @@ def fits_badly(request, best: Solved) -> bool:
 
     Its touches cost more than expected: the fit is not good; or, of a class with sizes,
     it moved between two actions though its speed did not carry it on; or precise
-    touches agree with poses that physics does not.
+    touches agree with poses that physics does not, by more than each action leaves.
     A second search may find a lower optimum: action by action, with more process noise,
     or without a body that is carried.  Of a class with sizes that is no box, the class
     may be wrong.
@@ -150,11 +151,11 @@ def fits_badly(request, best: Solved) -> bool:
     problem, fit = best.problem, best.fit
     if fit is not None and fit.verdict != "good":
         return True
-    # Of 72 clean boxes physics costs 4.9 nats on the poses of the one that was lost, and
-    # at most 2.5 on those of all others; of soft fingertips it has no row.
+    # Of soft fingertips physics has no row.
     rows = {} if fit is None else fit.terms
     physics = rows[PHYSICS_ROW].actual if PHYSICS_ROW in rows else 0.0
-    if precise(job.data, job.precision) and physics > DECISIVE:
+    limit = DECISIVE + PHYSICS_SHARE * job.data.actions
+    if precise(job.data, job.precision) and physics > limit:
         return True
     if job.shape.of_vertices or BETWEEN_ACTIONS not in problem.costs:
         return False
