@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from programmes import moved_by
 
-from formulations.indentation import COMPLIANCE_SIGMA
-from formulations.names import SOFT_FINGERTIPS
+from formulations.indentation import COMPLIANCE_SIGMA, PUSH, told
+from formulations.names import PRESSES, SOFT_FINGERTIPS
 from tactilenlp import solve_estimate
 from tactilenlp.information.consider_parameters import Prior, by_derivatives
 from tactilenlp.information.linearisation import Linearisation
@@ -24,6 +24,7 @@ def test_the_error_by_compliance_is_how_the_optimum_moves_with_deeper_touches(
     soft, chosen = at.consider_parameters[SOFT_FINGERTIPS], programme.tangent.chosen
     told = -kkt.sensitivity(chosen)[0].T @ soft.slope[:, 0]
     assert (at.presses >= programme.job.scene.friction_ground).all()
+    assert (at.presses >= PUSH * programme.window.touch.normal[:, 2]).all()
 
     def deeper(step):
         touch = programme.window.touch
@@ -49,6 +50,22 @@ def test_sides_are_as_uncertain_as_fingertips_unless_these_are_told_to_be_rigid(
     rigid = solve_estimate(data, told, start=estimate)
     assert SOFT_FINGERTIPS not in rigid.information.considered
     assert SOFT_FINGERTIPS not in rigid.information.error_budget("side_lengths")
+
+
+def test_no_motion_tells_how_hard_soft_fingertips_press_on_a_top(recorded):
+    data, scene, _ = recorded
+    data = data.select([0])  # a touch of the top
+    assert (data.normal[data.contact][:, 2] > 0.9).any()
+    soft = replace(scene, compliance=1e-4)  # [m/N]
+    information = solve_estimate(data, soft).information
+    mean, sigma, probability = information.considered[PRESSES]
+    assert probability == 1
+    assert abs(mean) < 0.1 * sigma
+    assert sigma == pytest.approx(PUSH, rel=0.01)  # it is as open as its prior
+    assert SOFT_FINGERTIPS not in information.considered
+    *sides, height = information.error_budget("side_lengths")[PRESSES]
+    assert height == pytest.approx(told(soft) * PUSH, rel=0.05)
+    assert (np.array(sides) < 0.1 * height).all()
 
 
 def test_touches_tell_nothing_of_what_their_cost_does_not_bend_upwards_by(programme):

@@ -1,6 +1,7 @@
 """Steps of the filter of tracks: motion by hand, slopes, the Kalman update, columns."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -265,3 +266,18 @@ def test_motions_between_actions_are_drawn_from_the_density_of_the_page():
     for w in (0.5, 1.0, 3.0, 10.0):
         below = 2 / np.pi * (np.arctan(w) - w / (1 + w**2))
         assert (way < w).mean() == pytest.approx(below, abs=4 * 0.5 / np.sqrt(S))
+
+
+def test_a_body_that_is_pushed_as_an_action_ends_stops_or_goes_one_step_on():
+    S, rng = 3, np.random.default_rng(0)
+    z = np.repeat(BOX[:, None], S, axis=1)
+    motion = np.array([[1e-3, -2e-3, 0.02]] * S).T
+    still = new_tracks(z, np.zeros((6, 6, S)), 2, rng)
+    moving = new_tracks(z, np.zeros((6, 6, S)), 2, rng)
+    moving = replace(moving, motion=motion)
+    a, b = (between_actions(t, np.random.default_rng(1)) for t in (still, moving))
+    ends = np.stack([z[3:], z[3:] + motion])  # of either, as likely as the other
+    assert b.z[3:] == pytest.approx(ends.mean(axis=0))
+    off = (ends - ends.mean(axis=0))[..., 0]
+    assert b.P[3:, 3:, 0] - a.P[3:, 3:, 0] == pytest.approx(off.T @ off / 2)
+    assert not b.motion.any()

@@ -12,7 +12,9 @@ where way = |(x, y)| + ARM |yaw| of a motion, and
     no finger touches   RELEASED             STOP_ERROR  of the last step
     between actions     GAP (1, 1, 1 / ARM)  0
 
-Each track draws s anew, s^2 = nu / chi^2(nu): together such Gaussians are Student's t
+A body that is pushed as an action ends stops, or goes one more step on as the last one,
+each as likely as the other: half of that motion is its mean, and its deviation.  Each
+track draws s anew, s^2 = nu / chi^2(nu): together such Gaussians are Student's t
 of nu = STEP_FREEDOM, between actions GAP_FREEDOM, a Cauchy density.  Most steps are as
 predicted, but a body may slip, or snap between two fingers.  A second search is less
 sure of pushes (refinement/refinement.py): it has PROCESS_NOISE_FACTOR s in place of s
