@@ -11,6 +11,9 @@ Departures from eq:loss, named:
   late_gap a finger that feels nothing at the next sample may have left the surface
            already: sigma of its gap grows by the way that it may have moved, and
            sigma of its normal by the angle that this way makes of its radius
+  edges    where a finger touches one, the body's normal points to the finger's centre:
+           sigma of a normal grows by the angle that the noise of (smoothed) positions
+           makes of the radius (`normal_deviation`), whatever is touched
 """
 
 from __future__ import annotations
@@ -34,6 +37,16 @@ def steepness(sigma):
     return 1 / hypot(1 / ALPHA, sigma / LOGISTIC)
 
 
+def normal_deviation(normal, window):
+    """Return the deviation [rad] of a felt normal from the body's; normal: of models.
+
+    By the noise of normals, and by that of positions where a finger meets an edge.
+    """
+    off = window.sigma_position * window.smoothing**0.5
+    turn = off / min(window.touch.radius, default=1.0)
+    return hypot(normal, window.sigma_normal, turn)
+
+
 def add_touches(nlp, window, shape, theta, x, touch, normal, indentation=NONE):
     """Add eq:loss of the samples with contact.
 
@@ -44,7 +57,7 @@ def add_touches(nlp, window, shape, theta, x, touch, normal, indentation=NONE):
     finger, t = window.finger, window.touch
     fingers = FingerContact(shape, window.motion, finger)
     sigma = nlp.parameter(TOUCH_SCALE, ca.hypot(touch, window.sigma_position), "m")
-    sigma_n = nlp.parameter(NORMAL_SCALE, ca.hypot(normal, window.sigma_normal), "rad")
+    sigma_n = nlp.parameter(NORMAL_SCALE, normal_deviation(normal, window), "rad")
 
     def touching(theta, x, inside, at, n_m, late_gap, sigma, sigma_n):
         phi, n = fingers.gap_and_normal(theta, x, at)

@@ -126,7 +126,8 @@ class Window:
     rest: corners on the ground at poses without a step (none in planar motion);
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise; normal_error: relative
-    standard deviation of the latter, where it was estimated;
+    standard deviation of the latter, where it was estimated; smoothing: share of the
+    variance of positions that smoothing leaves;
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
     compliant: whether fingertips yield under load; central: whether the centre of mass
@@ -156,6 +157,7 @@ class Window:
     outlier_cost: float
     braking: float
     normal_error: float = 0.0
+    smoothing: float = 1.0
     compliant: bool = False
     central: bool = True
     aligned: bool = True
