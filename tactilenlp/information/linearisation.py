@@ -92,12 +92,15 @@ class Linearisation:
     def presses(self) -> np.ndarray:
         """How hard each touch (touches,) presses, in weights.
 
-        By its impulse, and at least what slides a body over the ground: how hard two
-        fingers squeeze it, no motion tells, nor how hard one presses on its top, where
-        it is at least the deviation of a push.
+        By its impulse, and at least what slides a body over the ground; the deviation
+        of a push, where ground or another finger holds against it: no motion tells how
+        hard two fingers squeeze a body, or one presses on its top.
         """
         problem, window, scene = self.kkt.problem, self.window, self.job.scene
-        least = np.maximum(low_friction(scene), PUSH * window.touch.normal[:, 2])
+        sample, normal = window.touch.sample, window.touch.normal
+        against = -normal @ normal.T * (sample[:, None] == sample)
+        held = np.maximum(against.max(axis=1, initial=0.0), normal[:, 2])
+        least = np.maximum(low_friction(scene), PUSH * held)
         if FINGER_IMPULSE not in problem.reports or not len(window.push):
             return least
         row, stepped = window.push_of_touch
