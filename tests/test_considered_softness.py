@@ -26,6 +26,10 @@ def test_the_error_by_compliance_is_how_the_optimum_moves_with_deeper_touches(
     assert (at.presses >= programme.job.scene.friction_ground).all()
     touch = programme.window.touch
     assert (at.presses >= PUSH * touch.normal[:, 2]).all()
+    told = -kkt.sensitivity(chosen)[0].T @ soft.slope[:, 0]
+    assert (at.presses >= programme.job.scene.friction_ground).all()
+    touch = programme.window.touch
+    assert (at.presses >= PUSH * touch.normal[:, 2]).all()
     for i, n in zip(touch.sample, touch.normal, strict=True):
         other = (touch.sample == i) & (touch.normal @ n < -0.99)
         assert (at.presses[other] >= 0.99 * PUSH).all()  # two fingers squeeze it
@@ -37,6 +41,18 @@ def test_the_error_by_compliance_is_how_the_optimum_moves_with_deeper_touches(
 
     moved = moved_by(programme, deeper, STEP)
     assert told == pytest.approx(moved, abs=0.05 * np.abs(moved).max())
+
+
+def test_no_motion_tells_how_hard_two_fingers_squeeze_a_body(programme):
+    kkt = kkt_system_of(programme.problem, programme.solution)
+    touch = programme.window.touch
+    second = np.flatnonzero(touch.sample[1:] == touch.sample[:-1]) + 1
+    assert len(second)
+    normal = touch.normal.copy()
+    normal[second] = -normal[second - 1]  # the fingers face each other
+    facing = replace(programme.window, touch=replace(touch, normal=normal))
+    presses = Linearisation(kkt, programme.job, facing).presses
+    assert (presses[[*second, *(second - 1)]] >= 0.999 * PUSH).all()
 
 
 def test_sides_are_as_uncertain_as_fingertips_unless_these_are_told_to_be_rigid(
