@@ -25,9 +25,7 @@ from .rigid_body import ARM
 
 GAP = 0.5e-3  # [m] way of the object between actions
 CAUCHY = 2  # power of its density in x, y and yaw
-PUSHED_ON = (
-    0.3  # [-] of the last step: how the next one, which is not recorded, differs
-)
+PUSHED_ON = 0.3  # [-] of the last step: how far the one after it may differ
 HEAVY = 1  # of a hull's, whose shape follows a wrong path: a heavier tail lets it leave
 
 

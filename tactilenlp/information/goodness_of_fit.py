@@ -19,12 +19,12 @@ scale, is (1 + u^2)^-2, so that the cost 2 log(1 + u^2) has
     E = 2 (psi(2) - psi(1/2)) = 4.77,      Var = 4 (psi'(1/2) - psi'(2)) = 17.2  nats
 
 and here the scale is the geometric mean of the page's own and of all other ways, and as
-far as the body may have moved on (`moved_between`). Two rows are judged that are no
+far as the body may have moved on (`moved_between`).  Two rows are judged that are no
 part of the total, and make a fit "poor" at most: "between actions", the largest of
-these costs, and "physics", all terms of that role. On the true path physics costs what
+these costs, and "physics", all terms of that role.  On the true path physics costs what
 steps make in which a touch begins or ends, 1 +- 1 nat for each finger in an action;
-soft contacts creep, with them it is not judged. A body that moved by more than LOST
-between two actions, beyond that, was carried or its path is lost: at most "poor".
+soft contacts creep, with them it is not judged.  A body that moved by more than LOST
+between two actions, farther than that, was carried or its path is lost: at most "poor".
 
 The verdict is "good" up to POOR spreads and MARGIN nats of excess, "bad" beyond BAD
 times the sum of spread and MARGIN, else "poor".  Where it is not good, deviations are
