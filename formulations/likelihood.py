@@ -41,9 +41,10 @@ def normal_deviation(normal, window):
     """Return the deviation [rad] of a felt normal from the body's; normal: of models.
 
     By the noise of normals, and by that of positions where a finger meets an edge.
+    Positions that are not smoothed are precise.
     """
-    off = window.sigma_position * window.smoothing**0.5
-    turn = off / min(window.touch.radius, default=1.0)
+    left = window.smoothing**0.5 * (window.smoothing < 1)
+    turn = left * window.sigma_position / min(window.touch.radius, default=1.0)
     return hypot(normal, window.sigma_normal, turn)
 
 
