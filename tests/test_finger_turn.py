@@ -92,7 +92,7 @@ def test_turns_that_all_sensors_have_in_common_are_a_tilt_of_the_ground(
     assert np.degrees(np.abs(off).max()) < 0.2
     known = estimate.information.sigma("side_lengths") < 0.3e-3
     sides = np.sort(found.side_lengths) - np.sort(estimate.side_lengths)
-    # The prior of a tilt takes 0.03 of the 4 deg, and 0.2 mm of the height.
+    # The prior of a tilt, half a degree, takes some of the 4, and of the height.
     assert np.abs(sides[known[np.argsort(estimate.side_lengths)]]).max() < 0.201e-3
 
 

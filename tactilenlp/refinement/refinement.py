@@ -136,7 +136,7 @@ def fits_badly(request, best: Solved) -> bool:
     """Tell whether a body on the ground may have moved otherwise than it was found.
 
     Its touches cost more than expected: the fit is not good; or, of a class with sizes,
-    it moved between two actions though its speed did not carry it on; or precise
+    it moved between two actions, but neither slid on nor was pushed on; or precise
     touches agree with poses that physics does not, by more than each action leaves.
     A second search may find a lower optimum: action by action, with more process noise,
     or without a body that is carried.  Of a class with sizes that is no box, the class
