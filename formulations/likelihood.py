@@ -41,11 +41,8 @@ def normal_deviation(normal, window):
     """Return the deviation [rad] of a felt normal from the body's; normal: of models.
 
     By the noise of normals, and by that of positions where a finger meets an edge.
-    Positions that are not smoothed are precise.
     """
-    left = window.smoothing**0.5 * (window.smoothing < 1)
-    turn = left * window.sigma_position / min(window.touch.radius, default=1.0)
-    return hypot(normal, window.sigma_normal, turn)
+    return hypot(normal, window.sigma_normal, window.sigma_edge)
 
 
 def add_touches(nlp, window, shape, theta, x, touch, normal, indentation=NONE):

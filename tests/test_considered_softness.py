@@ -7,7 +7,7 @@ import pytest
 from programmes import moved_by
 
 from formulations.indentation import COMPLIANCE_SIGMA, PUSH, told
-from formulations.names import PRESSES, SOFT_FINGERTIPS
+from formulations.names import NORMAL_SCALE, PRESSES, SOFT_FINGERTIPS
 from tactilenlp import solve_estimate
 from tactilenlp.information.consider_parameters import Prior, by_derivatives
 from tactilenlp.information.linearisation import Linearisation
@@ -34,6 +34,14 @@ def test_the_error_by_compliance_is_how_the_optimum_moves_with_deeper_touches(
 
     moved = moved_by(programme, deeper, STEP)
     assert told == pytest.approx(moved, abs=0.05 * np.abs(moved).max())
+
+
+def test_deeper_touches_leave_the_noise_of_normals_as_it_is(programme):
+    job, window, touch = programme.job, programme.window, programme.window.touch
+    window = replace(window, sigma_edge=0.05)
+    thinner = replace(window, touch=replace(touch, radius=touch.radius / 2))
+    here, there = (job.build(w).parameters[NORMAL_SCALE] for w in (window, thinner))
+    assert there.value == here.value > 0.05
 
 
 def test_no_motion_tells_how_hard_two_fingers_squeeze_a_body(programme):

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from tactilenlp import Measurements, Options, World
-from tactilenlp.data.sensor_noise import (
-    CONTACT_LATENCY,
-    Precision,
-    late_gap,
-    precise,
-)
+from tactilenlp.data.contact_segments import CONTACT_LATENCY, late_gap
+from tactilenlp.data.sensor_noise import Precision, precise
 
 SPEED = 0.12  # [m/s]
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from .measurements import Measurements
 
+CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
 EQUAL_NORMALS = 0.005  # [rad] normals of exact sensors closer than this are equal
 OUTLIER_ANGLE = 0.5  # [rad] from the normals of all neighbours: an outlier
 LARGEST_GAP = 2  # samples: a flipped boolean may separate two touches
@@ -171,6 +172,20 @@ def _breaks(n, sigma: float) -> np.ndarray:
     i = int(np.argmax(excess))
     left, right = _breaks(n[:i], sigma), _breaks(n[i:], sigma)
     return np.r_[left, i, right + i].astype(int)
+
+
+def late_gap(data: Measurements) -> np.ndarray:
+    """Return how far off a finger may be that is felt (T, F) [m]: one that just left.
+
+    A boolean is a mean over some milliseconds, a position is that of an instant: a
+    finger that feels nothing at the next sample may have parted before this one.
+    """
+    p, felt = data.finger_position, data.contact
+    goes_on = (data.action[1:] == data.action[:-1])[:, None]
+    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & goes_on
+    share = np.minimum(1.0, CONTACT_LATENCY / np.diff(data.time))[:, None]
+    way = share * np.linalg.norm(np.diff(p, axis=0), axis=2)
+    return np.vstack([np.where(leaves, way, 0.0), np.zeros(felt.shape[1])])
 
 
 def gaps_near_touches(data) -> np.ndarray:

@@ -22,7 +22,6 @@ SMOOTHING_WINDOW = 9  # samples of the local parabola (0.3 s at 30 Hz)
 LEAST_WINDOW = 5  # samples: parabolas through fewer leave most of the noise
 SMOOTHERS = 64  # [1] smoothing matrices kept, of actions with other times
 SMOOTHING_NOISE = 0.03  # [finger radii] positions with less noise are not smoothed
-CONTACT_LATENCY = 5e-3  # [s] by which a contact is reported too long: sensors average
 LATENCY = 20e-3  # [s] deviation of the latency: tactile cameras are up to 40 ms late
 NORMAL_LAG = 10e-3  # [s] deviation of the lag of normals alone: means of up to 20 ms
 SAME_NORMAL = 1e-9  # [-] by which two readings of one number may differ
@@ -181,23 +180,20 @@ def variance_left(data: Measurements, precision: Precision) -> float:
     return float(np.concatenate(left).mean())
 
 
+def noise_at_edges(data: Measurements, precision: Precision) -> float:
+    """Return the angle [rad] that the noise of smoothed positions makes of the radius.
+
+    At an edge the body's normal points to the centre of the finger.  Precise positions
+    turn it by nothing.
+    """
+    smoothed = not precise(data, precision)
+    noise = smoothed * precision.position * variance_left(data, precision) ** 0.5
+    return noise / float(data.finger_radius.min())
+
+
 def precise(data: Measurements, precision: Precision) -> bool:
     """Return whether positions are so precise that they are not smoothed."""
     return precision.position < SMOOTHING_NOISE * data.finger_radius.min()
-
-
-def late_gap(data: Measurements) -> np.ndarray:
-    """Return how far off a finger may be that is felt (T, F) [m]: one that just left.
-
-    A boolean is a mean over some milliseconds, a position is that of an instant: a
-    finger that feels nothing at the next sample may have parted before this one.
-    """
-    p, felt = data.finger_position, data.contact
-    goes_on = (data.action[1:] == data.action[:-1])[:, None]
-    leaves = felt[:-1] & ~data.contact[1:] & data.valid[1:] & goes_on
-    share = np.minimum(1.0, CONTACT_LATENCY / np.diff(data.time))[:, None]
-    way = share * np.linalg.norm(np.diff(p, axis=0), axis=2)
-    return np.vstack([np.where(leaves, way, 0.0), np.zeros(felt.shape[1])])
 
 
 def with_fingers_earlier(data: Measurements, lag: float) -> Measurements:

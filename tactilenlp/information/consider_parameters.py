@@ -43,7 +43,8 @@ from formulations.names import (
     TOUCH_TERM,
 )
 
-from ..data.sensor_noise import CONTACT_LATENCY, LATENCY, NORMAL_LAG, normal_rates
+from ..data.contact_segments import CONTACT_LATENCY
+from ..data.sensor_noise import LATENCY, NORMAL_LAG, normal_rates
 from ..nlp.kkt import gradient
 from ..problem.fingertips import moved
 from .measurement_noise import at_touches, fingers_earlier

@@ -11,6 +11,7 @@ from formulations.names import COMPLIANCE, FINGER_OFFSET, FINGER_TURN
 
 from ..common.deadline import NEVER, Deadline
 from ..data.ground import frame_of
+from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
 from ..information.linearisation import Linearisation
@@ -159,7 +160,7 @@ class Solved:
     def fit(self) -> Fit | None:
         """How well it explains its data; None of a page of another touch likelihood."""
         job = self.job
-        left = self.window.smoothing
+        left = variance_left(job.data, job.precision)
         return fit_of(self.problem, self.solution, self.window, job.data, left)
 
     @property

@@ -23,9 +23,9 @@ from formulations.page_contract import contract_of
 from formulations.rigid_body import ARM, FREE, PLANAR
 
 from ..common.validation import check_types
-from ..data.contact_segments import REPEATED, SIDE_NORMAL, intervals, rate_of
+from ..data.contact_segments import REPEATED, SIDE_NORMAL, intervals, late_gap, rate_of
 from ..data.scene import low_friction
-from ..data.sensor_noise import late_gap, variance_left
+from ..data.sensor_noise import noise_at_edges
 from ..errors import OptionError, did_you_mean, typed_call
 from .fingertips import finger_of, finger_poses, outlier_cost, yields
 from .missing_samples import last_felt_normal, possible_contact, unseen_contact
@@ -126,7 +126,7 @@ def window_of_samples(
         frictionless=frictionless_contacts(scene) if choice.frictionless else (),
         sigma_position=precision.position, sigma_normal=precision.normal,
         normal_error=precision.normal_error, outlier_cost=outlier_cost(scene),
-        smoothing=variance_left(data, precision),
+        sigma_edge=noise_at_edges(data, precision),
         braking=low_friction(scene) * scene.gravity,
         compliant=yields(scene, choice) and len(push) > 0,
         central=choice.central or scene.sigma_centre == 0.0, aligned=choice.aligned,

@@ -126,8 +126,8 @@ class Window:
     rest: corners on the ground at poses without a step (none in planar motion);
     frictionless: "finger", "ground" where these carry no tangential impulse;
     sigma_position [m], sigma_normal [rad]: sensor noise; normal_error: relative
-    standard deviation of the latter, where it was estimated; smoothing: share of the
-    variance of positions that smoothing leaves;
+    standard deviation of the latter, where it was estimated; sigma_edge [rad]: noise of
+    a normal at an edge by that of smoothed positions;
     outlier_cost: the most that one wrong sample can cost [nats];
     braking [m/s^2]: of an object that slides on, mu g;
     compliant: whether fingertips yield under load; central: whether the centre of mass
@@ -157,7 +157,7 @@ class Window:
     outlier_cost: float
     braking: float
     normal_error: float = 0.0
-    smoothing: float = 1.0
+    sigma_edge: float = 0.0
     compliant: bool = False
     central: bool = True
     aligned: bool = True
