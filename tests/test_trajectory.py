@@ -12,8 +12,9 @@ from tactilenlp.information import trajectory
 from tactilenlp.information.error_budget_terms import MOVED_ON
 from tactilenlp.information.linearisation import Linearisation
 from tactilenlp.information.tangent_space import pose_jacobians
-from tactilenlp.information.trajectory import trajectory_variance
+from tactilenlp.information.trajectory import moved_between, trajectory_variance
 from tactilenlp.nlp.kkt import kkt_system_of
+from tactilenlp.problem.window import Steps
 
 THETA = np.array([0.05, 0.04, 0.03])
 STEP = 1e-6
@@ -125,3 +126,14 @@ def test_only_poses_have_deviations_of_a_trajectory(estimate):
         estimate.information.sigma("side_lengths", sample=0)
     with pytest.raises(OptionError, match="this version"):
         estimate.information.of_hessian().along_path("position")
+
+
+@pytest.mark.parametrize(("lean", "falls"), [(0.0, False), (0.2, True), (1.2, False)])
+def test_a_tilted_body_that_is_let_go_falls_flat_and_was_not_carried(lean, falls):
+    x = np.zeros((6, 3))  # two samples of an action, the first of the next
+    x[2] = 0.04
+    x[3, :2], x[1, 2] = lean, 0.012
+    end, before, first = (np.array([k]) for k in (0, 1, 2))
+    gap = Steps(first, first, before, end, *[np.full(1, 1 / 30)] * 2, np.zeros((1, 3)))
+    on = moved_between(x, SimpleNamespace(gap=gap, braking=3.0))[1].item()
+    assert on == pytest.approx(0.08 * np.sin(lean / 2) * falls)

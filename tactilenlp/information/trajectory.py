@@ -33,6 +33,7 @@ from .mixture import relabelling, turn_between
 from .tangent_space import inverse, pose_jacobians
 
 LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
+LIES = 2 * np.sin(np.pi / 8)  # [-] 45 deg: a body that leans more falls farther over
 POSES = 40  # of a trajectory whose covariance is computed at least
 
 
@@ -177,13 +178,27 @@ def _apart(optimum, samples, reference, R_wg) -> np.ndarray:
 def moved_between(x, window) -> tuple[np.ndarray, np.ndarray]:
     """Return ways (n,) [m] between actions, and how far the body would move on.
 
-    By another step as the last one, or until friction stops it; x (unknowns, poses) of
-    a planar or free path in a window.
+    By another step as the last one, until friction stops it, or until a tilted body
+    lies; x (unknowns, poses) of a planar or free path in a window.
     """
     gap = window.gap
     last = _ways(x, gap.before, gap.before_2)
     slid = (last / gap.dt) ** 2 / (2 * max(window.braking, ICE))
-    return np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY), np.maximum(last, slid)
+    on = np.maximum.reduce([last, slid, _falls(x, gap)])
+    return np.maximum(_ways(x, gap.pose, gap.before), LEAST_WAY), on
+
+
+def _falls(x, gap) -> np.ndarray:
+    """Return how far (n,) [m] the centre moves where a tilted body falls flat.
+
+    By the change of its tilt times its height; a body that turns by more than LIES
+    between actions did not stand tilted.
+    """
+    if is_planar(x):
+        return np.zeros(len(gap))
+    upright = matrices(x)[:, 2]  # the vertical in the body's axes
+    turn = np.linalg.norm(upright[gap.pose] - upright[gap.before], axis=1)
+    return x[2, gap.before] * turn * (turn < LIES)
 
 
 def moved_farther(x, window, least: float) -> bool:
