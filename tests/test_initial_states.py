@@ -11,6 +11,7 @@ from tactilenlp.tracking.initial_states import (
     _drawn,
     body_height,
     box_states,
+    felt_extent,
     from_guess,
 )
 
@@ -24,6 +25,19 @@ def test_boxes_are_drawn_about_the_prior_that_a_shape_has(recorded):
         for shape in (CUBOID, twice)
     )
     assert large == pytest.approx(2 * usual)
+
+
+def test_boxes_are_drawn_as_large_as_they_were_felt(recorded):
+    data = recorded[0]
+    usual = box_states(data, CUBOID, np.random.default_rng(0), 0.01)[0][:2]
+    assert 0.02 < felt_extent(data) < 0.06
+    high = data.finger_position + np.array([0.0, 0.0, 0.25])
+    held = replace(data, finger_position=high)
+    large = box_states(held, CUBOID, np.random.default_rng(0), 0.01)[0][:2]
+    assert usual.max() < 0.2
+    assert 0.4 < large.max() < 2 * felt_extent(held)
+    nothing = replace(data, contact=np.zeros_like(data.contact), normal=0 * data.normal)
+    assert felt_extent(nothing) == 0.0
 
 
 def test_bounds_may_differ_by_size(recorded):

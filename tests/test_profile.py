@@ -250,6 +250,12 @@ def test_no_offset_is_evaluated_whose_sigma_would_be_vague(slope):
     assert dear in ([], asked[-1:])  # once it is dear enough, no more
 
 
+def test_what_lies_before_a_wall_is_looked_for():
+    end = 10e-3  # where a finger passed, say; before it hardly a rise
+    found, _ = deviation(lambda d: 0.2 if d < end else 100.0)
+    assert end / 2 < found < end
+
+
 def test_without_a_solution_of_the_profile_sigma_is_that_of_the_hessian():
     assert deviation(lambda d: None) == (SHARP, None)
 

@@ -25,6 +25,9 @@ MAX_STEP_GROWTH = 10.0  # [-] from step to step
 # [-] at least, once a straight line would have ended: else 30 more solves on a plateau
 PLATEAU_GROWTH = 1.5
 TAIL_GROWTH = 2.0  # [-] behind the rise: far solves are slow (109 iterations, 216 at 4)
+# [-] a step before that is so many times the deviation: the objective rose as at a
+# wall, not as a parabola, or a straight line (1 at most); [-] and steps that are near
+WALL, BESIDE = 2.0, 1.5
 ENDED = 0.99  # [-] of the rise, or of the prior's deviation, at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
 
@@ -103,32 +106,42 @@ class Profile:
 
         solve(step, start): as above, in this direction; way: 1 or -1; least_sigma [m]:
         from the other direction or the Hessian.  The profile ends at the target
-        rise, and beyond the distance at which that rise leaves a large deviation.
+        rise, and beyond the distance at which that rise leaves a large deviation.  A
+        step to behind a wall, such as where a finger passed, is shortened: a rise of
+        100 nats tells nothing of what lies before it.
         """
         prior, target_rise, best = self.prior, self.target_rise, self.best
         widest, points, least_growth = None, [Point(0.0, 0.0, best)], 1.0
         vague, reached = VAGUE_SHARE * prior, least_sigma
-        farthest = vague * np.sqrt(2 * target_rise)
+        farthest, wall = vague * np.sqrt(2 * target_rise), []  # the nearest point in it
         while reached < vague:
             if (point := solve(step, points[-1])) is None:
                 break
             _, rise, solved = point
             if rise < -BETTER_OPTIMUM and self.seeks:
                 return None, solved
-            points.append(point)
-            deviation = min(step / np.sqrt(2 * max(rise, ONE_SIGMA)), prior)
-            if widest is None or deviation > reached:
-                widest = (solved.at.end - best.at.end) * deviation / step
-                reached = abs(widest[self.axis])
-            if rise >= ENDED * target_rise or step >= farthest:
-                break
-            growth = max(least_growth, target_rise / max(rise, ONE_SIGMA))
-            step = min(step * min(MAX_STEP_GROWTH, growth), farthest)
-            least_growth = PLATEAU_GROWTH if rise > ONE_SIGMA else 1.0
+            deviation, last = self.deviation_at(point), points[-1].step
+            if last > WALL * deviation and step > BESIDE * last:
+                wall = [point]
+            else:
+                points.append(point)
+                if widest is None or deviation > reached:
+                    widest = (solved.at.end - best.at.end) * deviation / step
+                    reached = abs(widest[self.axis])
+                if rise >= ENDED * target_rise or step >= farthest:
+                    break
+                growth = max(least_growth, target_rise / max(rise, ONE_SIGMA))
+                last, step = step, min(step * min(MAX_STEP_GROWTH, growth), farthest)
+                least_growth = PLATEAU_GROWTH if rise > ONE_SIGMA else 1.0
+            step = min([step, *(np.sqrt(last * p.step) for p in wall)])
         if self.cost is not None:  # a large deviation by the Hessian, or none
             least = least_sigma if vague <= least_sigma < ENDED * prior else 0.0
-            widest = self.open_deviation(solve, way, widest, points, least)
+            widest = self.open_deviation(solve, way, widest, points + wall, least)
         return widest, None
+
+    def deviation_at(self, point: Point) -> float:
+        """Return the deviation [m] of a Gaussian that has risen as much."""
+        return min(point.step / np.sqrt(2 * max(point.rise, ONE_SIGMA)), self.prior)
 
     def open_deviation(self, solve, way, widest, points, least: float):
         """Return the deviation (k,) of an open size, or None; widest: by its profile.

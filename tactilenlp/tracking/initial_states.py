@@ -11,6 +11,8 @@ finger; the normal there and the one that was felt tell which way the body is tu
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from ..data.contact_segments import first_contact, first_onset, lasting_contacts
@@ -28,6 +30,7 @@ EDGE_TURN = np.radians([8.0, 82.0])  # [rad] of a face from the normal at an edg
 START_SIGMA = np.r_[6e-3, 6e-3, 4e-3, 3e-3, 3e-3, 0.15]  # [m, rad] of drawn boxes
 OPEN_GAP = 3e-3  # [m] touches of one rim agree this well
 BELOW_TOP = 5e-3  # [m] a side touch is at least this far below the top
+MOST_TOUCHES = 0.9  # [-] quantile of heights and widths: single ones may be wrong
 TOP_TILT = 0.14  # [-] sine of the tilt (8 degrees) up to which a normal is the top's
 RIM_NORMAL, RIM_SIGMAS = 0.25, 3.0  # [-], [sigma] n_z of a touch of the rim: at least
 SHARE = 0.75  # [prior deviations] of drawn sizes about the mean: 15 mm of a cuboid
@@ -54,20 +57,37 @@ def box_states(data, shape, rng, sigma: float):
     """Return the states and covariances of boxes.
 
     Large boxes are added to those about the prior's mean, since the prior of sizes has
-    heavy tails.
+    heavy tails: up to LARGE, and to twice the extent that was felt.
     """
     mean, contact = shape.typical_size, first_contact(data)
     shortest, longest = SMALLEST * mean, LARGEST * mean
     drawn = rng.normal(mean, SHARE * shape.typical_deviation, (2, DRAWN))
     usual = np.clip(drawn, shortest, longest)
     poses = places_of(*usual, contact, rng)
-    large = np.exp(rng.uniform(*np.log(mean * LARGE), (2, LARGE_DRAWN)))
+    scale = max(1.0, 2 * felt_extent(data) / (mean * LARGE[1]))
+    large = np.exp(rng.uniform(*np.log(scale * mean * LARGE), (2, LARGE_DRAWN)))
     poses = np.hstack([poses, places_of(*large, contact, rng)])
     sides = np.hstack([usual, large])
     height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
     P = np.repeat(np.diag(START_SIGMA**2)[..., None], sides.shape[1], axis=2)
     P[[0, 1], [0, 1]] *= np.maximum(1.0, sides / longest) ** 2
     return np.array([*sides, height, *poses]), P
+
+
+def felt_extent(data) -> float:
+    """Return how large [m] a body is at least: how high it was felt, and how wide.
+
+    Width: between two fingers that feel it at once.  Single touches may be wrong.
+    """
+    felt = lasting_contacts(data)
+    point = data.finger_position - data.finger_radius[:, None] * data.normal
+    extents = [point[felt][:, 2]]
+    for f, g in combinations(range(data.fingers), 2):
+        both = felt[:, f] & felt[:, g]
+        across = point[both, f] - point[both, g]
+        extents.append(np.linalg.norm(across[:, :2], axis=1))
+    most = (float(np.quantile(v, MOST_TOUCHES)) for v in extents if v.size)
+    return max(most, default=0.0)
 
 
 def from_guess(guess, geometry, rng):
@@ -127,9 +147,9 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
         low, high = (np.broadcast_to(b, shape.theta)[2] for b in shape.bounds)
         return float(np.clip(np.median(rim), low, high))
     side = z[felt & (np.abs(n_z) < TOP_TILT)]
-    return (
-        max(otherwise, np.quantile(side, 0.9) + BELOW_TOP) if side.size else otherwise
-    )
+    if not side.size:
+        return otherwise
+    return max(otherwise, np.quantile(side, MOST_TOUCHES) + BELOW_TOP)
 
 
 def surface_states(data, shape, rng):
