@@ -12,7 +12,7 @@ from tactilenlp.errors import (
     NotConverged,
     OptionError,
 )
-from tactilenlp.identification.body import fit_of
+from tactilenlp.identification.body import body_fit_of
 from tactilenlp.identification.impacts import phases_of, with_soft_ground
 from tactilenlp.identification.starts import starts_of, support_of
 
@@ -49,26 +49,26 @@ def test_a_cube_on_a_soft_ground_is_identified(boxes):
 
 def test_a_fit_far_beyond_its_spread_is_bad_and_widens():
     costs = {"balance, 1 touching": 100.0, "on the surface": 40.0, "not below": 900.0}
-    fit = fit_of(costs, steps=100)
+    fit = body_fit_of(costs, steps=100)
     assert fit.verdict == "bad"
     assert fit.widening == pytest.approx(np.sqrt(940 / (50 + 7.1)), rel=1e-3)
     assert "not to be trusted" in fit.text
-    mild = fit_of(costs | {"not below": 20.0}, steps=100)
+    mild = body_fit_of(costs | {"not below": 20.0}, steps=100)
     assert mild.verdict == "good"
 
 
 def test_a_fit_is_not_good_where_any_term_is_beyond_its_own_limit():
     """Also where another term is further off in its spreads, within its limit."""
     steps = 100
-    balance, heights = fit_of({"balance": 0.0} | NO_HEIGHTS, steps).terms.values()
+    balance, heights = body_fit_of({"balance": 0.0} | NO_HEIGHTS, steps).terms.values()
     within = balance.expected + 0.99 * balance.limit
     beyond = heights.expected + 1.01 * heights.limit
     costs = {"balance": within, "on the surface": beyond, "not below": 0.0}
-    fit = fit_of(costs, steps)
+    fit = body_fit_of(costs, steps)
     assert fit.verdict == "poor"
     assert fit.widening > 1
     assert "the height of the corners costs" in fit.text
-    assert fit_of(costs | NO_HEIGHTS, steps).verdict == "good"
+    assert body_fit_of(costs | NO_HEIGHTS, steps).verdict == "good"
 
 
 def test_corners_may_sink_into_a_soft_ground_in_impacts_only(tosses):

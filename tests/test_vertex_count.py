@@ -33,7 +33,7 @@ from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.search import vertex_number
 from tactilenlp.search.polytope_init import search_polytope
-from tactilenlp.search.vertex_number import likeliest
+from tactilenlp.search.vertex_number import likeliest_fits
 
 CUBE = 0.02 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
 PRIOR = 1 / 0.005**2  # [1/m^2]
@@ -129,7 +129,7 @@ def test_fewer_vertices_than_fit_are_not_tried(monkeypatch):
         return fit_of(5.0 if count >= 8 else 900.0, 4.0 * count, count)
 
     fitted_by(monkeypatch, fit)
-    best, *_ = likeliest(job_of(COUNTS), ["hull"])
+    best, *_ = likeliest_fits(job_of(COUNTS), ["hull"])
     assert best.objective == 5.0 + 4.0 * 8
     assert asked == [20, 16, 12, 10, 8, 6]
 
@@ -143,7 +143,7 @@ def test_time_that_ends_leaves_the_bodies_fitted_by_then(monkeypatch):
 
     fitted_by(monkeypatch, fit)
     over = Deadline.within(0.0)
-    assert len(likeliest(job_of(COUNTS, over), ["hull"])) == 1
+    assert len(likeliest_fits(job_of(COUNTS, over), ["hull"])) == 1
     assert asked == [20]
     assert over.omitted == ["other numbers of vertices"]
 
@@ -160,9 +160,9 @@ def test_a_fit_that_diverged_is_the_last_and_is_not_linearised(monkeypatch):
         return Diverged() if count == 20 else fit_of(5.0, float(count), count)
 
     fitted_by(monkeypatch, fit)
-    found = likeliest(job_of([20, 8, 6]), ["hull"])
+    found = likeliest_fits(job_of([20, 8, 6]), ["hull"])
     assert [h.theta.size // 3 for h in found] == [6, 8]
-    assert len(likeliest(job_of([20]), ["hull"])) == 1
+    assert len(likeliest_fits(job_of([20]), ["hull"])) == 1
 
 
 def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_worse(
@@ -171,7 +171,7 @@ def test_the_page_is_solved_from_a_body_that_gains_more_evidence_than_it_fits_wo
     """Six vertices fit 20 nats worse than sixteen, whose volume costs 30 more."""
     fits = {16: fit_of(200.0, 50.0, 16), 6: fit_of(220.0, 20.0, 6)}
     fitted_by(monkeypatch, fits.get)
-    bodies = likeliest(job_of([16, 6]), ["hull"])
+    bodies = likeliest_fits(job_of([16, 6]), ["hull"])
     assert [h.theta.size // 3 for h in bodies] == [6, 16]
     solved, page = [], polytope_violation_implicit
     given = {"reductions": Reductions(), "contract": contract_of(page), "page": page}
@@ -197,7 +197,7 @@ def test_a_start_that_touches_contradict_more_than_a_fit_costs_is_left_out(monke
     starts = [replace(fit_of(0.0, 0.0).at, objective=c) for c in (0.0, 5.9, 6.1)]
     monkeypatch.setattr(vertex_number, "starts_of", lambda *_: starts)
     monkeypatch.setattr(vertex_number, "with_fewer_vertices", fits)
-    likeliest(job_of([4]), ["hull"])
+    likeliest_fits(job_of([4]), ["hull"])
     assert asked == [0.0, 5.9]
 
 
@@ -215,7 +215,7 @@ def test_fits_end_where_they_come_to_a_known_body(monkeypatch):
     starts = [replace(fit_of(0.0, 0.0).at, theta=V) for V in bodies]
     monkeypatch.setattr(vertex_number, "starts_of", lambda *_: starts)
     monkeypatch.setattr(vertex_number, "with_fewer_vertices", fits)
-    likeliest(job_of([8, 4]), ["hull"])
+    likeliest_fits(job_of([8, 4]), ["hull"])
     assert [starts.index(one) for one in asked] == [0, 0, 1, 2, 2]
 
 

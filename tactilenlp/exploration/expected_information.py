@@ -184,7 +184,7 @@ class ExpectedInformation:
         """Return a belief as a body that stands; None of one that rolls."""
         centre, ground = self.estimate.centre_of_mass, self.estimate.scene.ground
         if self.shape.of_vertices:
-            return polytope_beliefs.standing_of(belief, ground.rotation @ centre)
+            return polytope_beliefs.standing_hull_of(belief, ground.rotation @ centre)
         if self.shape.rolls:
             return None
         return standing_of(self.shape, belief.z, belief.covariance, centre)

@@ -61,7 +61,9 @@ def belief_of(estimate, shape) -> Belief:
         turn, centre = settling(vertices, centre)
         vertices, points = vertices @ turn.T, points @ turn.T
     before = ball_prior(vertices, shape.size_prior)
-    information = before + information_of_samples(estimate, shape, vertices, points)
+    information = before + hull_information_of_samples(
+        estimate, shape, vertices, points
+    )
     information += flatness_information(
         vertices, centre[2], contacts_on_hull(estimate, vertices, points)
     )
@@ -69,7 +71,7 @@ def belief_of(estimate, shape) -> Belief:
     return Belief(vertices.ravel(), information, before, 1.0, -centre[None])
 
 
-def standing_of(belief: Belief, centre) -> Standing:
+def standing_hull_of(belief: Belief, centre) -> Standing:
     """Return a belief as a body that stands on the ground.
 
     centre (3,) [m]: of mass, from the centroid, along the ground's axes.
@@ -114,7 +116,7 @@ def fingers_on_body(estimate) -> np.ndarray:
     return np.einsum("tij,tfj->tfi", since, p)
 
 
-def information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
+def hull_information_of_samples(estimate, shape, vertices, points) -> np.ndarray:
     """Return eq:obsinfo (3 V, 3 V) of all samples, with uncertain motion since then."""
     data = estimate.measurements
     position = estimate.scene.ground.to_ground(estimate.position)

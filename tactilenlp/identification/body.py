@@ -136,7 +136,7 @@ class Body:
         return "\n".join([*lines, *(f"Skipped {words}." for words in self.skipped)])
 
 
-def fit_of(costs: dict[str, float], steps: int) -> BodyFit:
+def body_fit_of(costs: dict[str, float], steps: int) -> BodyFit:
     """Return the fit of a solution with these costs, by name, of so many steps."""
     balance = sum(cost for name, cost in costs.items() if name.startswith("balance"))
     heights = sum(costs[name] for name in SURFACE_TERMS)

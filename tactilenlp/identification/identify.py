@@ -25,7 +25,7 @@ from ..nlp.term_functions import TermFunctionCache
 from ..solvers.options import SolverOptions
 from ..solvers.solution import Solution, evaluated, not_converged, unfinished
 from ..solvers.solve import solve_levels
-from .body import UNOBSERVED_VERTEX, Body, BodyFit, corner_shift, fit_of
+from .body import UNOBSERVED_VERTEX, Body, BodyFit, body_fit_of, corner_shift
 from .impacts import Impacts, impacts, may_touch, with_soft_ground
 from .starts import Starts, nothing_lands, starts_of
 
@@ -97,7 +97,7 @@ class Fitted(NamedTuple):
     @property
     def fit(self) -> BodyFit:
         """How well the solution explains the motion."""
-        return fit_of(self.solution.costs, len(self.window.step))
+        return body_fit_of(self.solution.costs, len(self.window.step))
 
     @property
     def rank(self) -> tuple[bool, float]:

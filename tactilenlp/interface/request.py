@@ -92,10 +92,10 @@ def read_request(
     scene, shape, options, page = checked_request(
         scene, shape, formulation, options, executor
     )
-    continued = scene.latency is None and isinstance(start, Estimate)
+    keeps_latency = scene.latency is None and isinstance(start, Estimate)
     if options.check_mistakes:
         told = Precision(0.0, 0.0, latency=scene.latency or 0.0)
-        late = start.sensors if continued else told
+        late = start.sensors if keeps_latency else told
         with checking.spending(CHECK_FOR_MISTAKES):
             check_mistakes(with_sensors_earlier(data, late), scene)
     scene.check(data)
@@ -104,7 +104,7 @@ def read_request(
     scene = scene.on_ground_of(getattr(start, "scene", scene))
     job = make_job(data, scene, shape, options, began, page, functions)
     job.deadline.spent.update(checking.spent)
-    job = job.as_late_as(start.sensors) if continued else job
+    job = job.as_late_as(start.sensors) if keeps_latency else job
     known = [] if start is None else hypotheses_to_continue(start, shape, scene, data)
     if not shape.of_vertices and isinstance(start, Estimate):
         # What another page found is no posterior of this one.

@@ -46,7 +46,7 @@ def multistart(job, hypotheses, levels, earlier=(), solves=None) -> list:
             _solve_separately(job, hypotheses, ranked, earlier, solves)
         else:
             _solve_until_alike(job, hypotheses, ranked[:-1], earlier, provisional)
-        _solve_promising(job, provisional.ended, ranked[-1:], earlier, solves)
+        _solve_last_level(job, provisional.ended, ranked[-1:], earlier, solves)
         if ranked[-1] is not levels[-1]:
             _finish_best(job, levels[-1], earlier, solves)
     return best_first(solves.ended)
@@ -128,7 +128,7 @@ def _solve_stages(job, h, built, stages, starts) -> tuple[Solved, list, Solved |
     return solved, ends, None
 
 
-def _solve_promising(job, provisional, last, earlier, solves) -> None:
+def _solve_last_level(job, provisional, last, earlier, solves) -> None:
     """Solve the last level from provisional solves, from each body once, best first.
 
     Not from those that are too far behind the best to be solved to the end.

@@ -45,7 +45,7 @@ from .plane_slam import (
     touched_halfspaces,
 )
 from .soft_fingertips import as_of_rigid_fingertips, compliances_of
-from .vertex_number import counts_of, likeliest
+from .vertex_number import counts_of, likeliest_fits
 
 MAX_CUTS = 30  # half-spaces from free fingers, at most
 PENETRATION = 0.1e-3  # [m] a free finger may overlap the body so far
@@ -162,7 +162,7 @@ def _fitted(job, several: list[Faces]) -> list[Hypothesis]:
     else:
         hulls = [hull for faces in several for hull in hulls_from(job, faces)]
         count = RIGID_BODIES if job.reductions.rigid else SOFT_BODIES
-        bodies = of_distinct_bodies(part, likeliest(part, hulls))[:count]
+        bodies = of_distinct_bodies(part, likeliest_fits(part, hulls))[:count]
     rest = [np.repeat(h.x[:, -1:], samples - h.x.shape[1], axis=1) for h in bodies]
     return [
         replace(h, x=np.hstack([h.x, stays]))
@@ -200,7 +200,7 @@ def has_likely_count(job, h: Hypothesis) -> bool:
         hulls = hulls_from(job, planes_on_body(job, h))
     except TactileError:  # planes of touches that noise moved close no body
         return True
-    return any(fit.theta.size == h.theta.size for fit in likeliest(job, hulls))
+    return any(fit.theta.size == h.theta.size for fit in likeliest_fits(job, hulls))
 
 
 def hulls_from(job, faces: Faces) -> list[Hypothesis]:

@@ -189,11 +189,11 @@ def motions_after(job, tumbles, width: int, solves: int, executor=None):
     alone = rest == data.samples  # nothing was felt later: each lies as it fell
     pairs = zip(fallen, tumbles, strict=True) if alone else product(later, tumbles)
     motions = [(h, motion) for h, t in pairs for motion in t.whole_motions(h)]
-    costs, likeliest = _costs(job, [motion for _, motion in motions]), {}
+    costs, best_motion = _costs(job, [motion for _, motion in motions]), {}
     for (h, motion), cost in zip(motions, costs, strict=True):
-        if h not in likeliest or cost < likeliest[h].objective:
-            likeliest[h] = replace(motion, objective=cost)
-    return distinct(job.shape, likeliest.values(), width, np.inf)
+        if h not in best_motion or cost < best_motion[h].objective:
+            best_motion[h] = replace(motion, objective=cost)
+    return distinct(job.shape, best_motion.values(), width, np.inf)
 
 
 def likeliest_tumbles(job, tumbles) -> list[Tumble]:

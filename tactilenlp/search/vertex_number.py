@@ -37,7 +37,7 @@ FEW = 8  # so few are corners where planes meet
 FACES = 12, 10, 9, 8, 7, 6, 5, 4  # of hulls that start fits of FEW vertices
 
 
-def likeliest(job, hulls) -> list[Hypothesis]:
+def likeliest_fits(job, hulls) -> list[Hypothesis]:
     """Return fits of hulls at most LEAST_MOTION_BEHIND the best, which is the first.
 
     Of each hull with each number of vertices that the shape may have, from many to few,
