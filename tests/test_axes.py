@@ -11,12 +11,12 @@ from tactilenlp import CUBOID, CYLINDER, Guess, solve_estimate
 from tactilenlp.geometry.transforms import rotation_matrix
 from tactilenlp.local.comparison import same_body
 from tactilenlp.problem.hypothesis import Hypothesis
-from tactilenlp.refinement.axis_names import naming, with_axes
+from tactilenlp.refinement.axis_names import canonical_relabelling, with_axes
 
 
-def named(shape, h, like=None):
+def in_canonical_axes(shape, h, like=None):
     """Return the hypothesis with the axes that the convention names."""
-    order, S = naming(shape, h, like)
+    order, S = canonical_relabelling(shape, h, like)
     return replace(h, theta=h.theta[order], x=with_axes(h.x, S))
 
 
@@ -38,18 +38,18 @@ def free(theta, R, samples=4):
 @pytest.mark.parametrize("sides", [(0.05, 0.03, 0.04), (0.03, 0.05, 0.04)])
 def test_x_is_the_longer_side_and_points_ahead(sides, yaw):
     h = planar(sides, yaw)
-    found = named(CUBOID, h)
+    found = in_canonical_axes(CUBOID, h)
     assert found.theta.tolist() == [0.05, 0.03, 0.04]
     assert rotation_matrix(found.x[:, 0])[0, 0] >= 0
     assert same_body(CUBOID, h, found, range(4))
-    assert (naming(CUBOID, found)[1] == np.eye(3)).all()
+    assert (canonical_relabelling(CUBOID, found)[1] == np.eye(3)).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_z_is_upright_at_the_first_sample_of_a_body_in_free_motion(seed):
     R = Rotation.random(random_state=seed)
     h = free((0.03, 0.05, 0.04), R)
-    found = named(CUBOID, h)
+    found = in_canonical_axes(CUBOID, h)
     up = rotation_matrix(found.x[:, 0])[2]
     assert up[2] == pytest.approx(np.abs(R.as_matrix()[2]).max(), abs=1e-12)
     assert found.theta[0] >= found.theta[1]
@@ -62,7 +62,7 @@ def test_an_update_keeps_the_names_of_its_start(make):
     start = planar((0.0301, 0.0299, 0.04), 0.2)
     like = start.theta, (R := rotation_matrix(start.x[:, 0]))
     later = make((0.0303, 0.0297, 0.04), 0.2 + np.pi / 2)  # x and y are exchanged
-    found = named(CUBOID, later, like)
+    found = in_canonical_axes(CUBOID, later, like)
     assert found.theta.tolist() == [0.0297, 0.0303, 0.04]
     assert rotation_matrix(found.x[:, 0]) == pytest.approx(R, abs=1e-9)
     assert same_body(CUBOID, later, found, range(4))
@@ -76,14 +76,14 @@ def test_only_boxes_have_axes_to_name():
     h = Hypothesis(np.array([0.03, 0.05]), np.zeros((3, 2)), 0.0, ())
     other = SimpleNamespace(faced=False)
     for given in ((CYLINDER, h), (other, h, (h.theta, None))):
-        order, S = naming(*given)
+        order, S = canonical_relabelling(*given)
         assert order == [0, 1]
         assert (np.eye(3) == S).all()
 
 
 def test_a_box_whose_symmetries_are_not_told_keeps_its_axes(recorded):
     plain = replace(CUBOID, symmetries=(), size_prior=((0.05, 0.04, 0.045), 0.02))
-    order, S = naming(plain, planar((0.03, 0.05, 0.04), 2.0))
+    order, S = canonical_relabelling(plain, planar((0.03, 0.05, 0.04), 2.0))
     assert order == [0, 1, 2]
     assert (np.eye(3) == S).all()
     data, scene, _ = recorded

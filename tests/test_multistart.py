@@ -14,7 +14,7 @@ from tactilenlp import Options
 from tactilenlp.interface.request import make_job
 from tactilenlp.local.comparison import distinct, same_body
 from tactilenlp.local.levels import freed_levels
-from tactilenlp.local.local_solve import continuation, solved_from
+from tactilenlp.local.local_solve import solve_by_continuation, solved_from
 from tactilenlp.local.solved import Solved, Solves, best_first
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.search import multistart as starts
@@ -125,14 +125,14 @@ def test_provisional_solves_count_as_long_as_there_is_no_other():
 def test_continuation_ends_in_an_optimum_of_the_page(case):
     job, h = case
     solved = multistart(job, [h], LEVELS)
-    again = continuation(job, solved[0])
+    again = solve_by_continuation(job, solved[0])
     assert again.solution.success
     assert again.solution.parameters == solved[0].solution.parameters
     assert again.solution.objective < solved[0].solution.objective + 0.5
 
 
 def test_a_page_without_easier_levels_has_no_continuation(case):
-    assert continuation(replace(case[0], page=quasi_static), None) is None
+    assert solve_by_continuation(replace(case[0], page=quasi_static), None) is None
 
 
 def test_two_pasts_that_end_alike_are_one_where_only_the_end_counts(case):

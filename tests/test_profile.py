@@ -200,7 +200,7 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
 
         monkeypatch.setattr(certification, "warm_started", warm_started)
         asked.clear()
-        found = certification.with_profiles(best)
+        found = certification.solve_profiles(best)
         assert asked == [True, False]
         assert (found.rank == best.rank) == same
         assert (found.profile == np.eye(6)).all()
@@ -208,7 +208,7 @@ def test_profiles_go_on_where_a_better_optimum_is_not_better_with_nothing_held(
 
 @dataclass(frozen=True)
 class Certified:
-    """What `with_profiles` reads of a solve."""
+    """What `solve_profiles` reads of a solve."""
 
     solution: object
     certificates: object

@@ -22,7 +22,7 @@ TILT = np.radians(12.0)
 
 @dataclass(frozen=True)
 class Solve:
-    """What `with_tilt` and `without_needless` read of a solve."""
+    """What `solve_tilted` and `fix_needless` read of a solve."""
 
     solution: object
     rank: tuple
@@ -63,11 +63,13 @@ def test_tilt_starts_from_the_flat_optimum_and_roughly_where_touches_stay_wrong(
         "solved_from": rough,
         "misfit_of": lambda *_: Misfit(next(excess), 0.0, spread),
         "freed_to_tilt": lambda *_: solve(20.0), "tilted_by_normals": lambda *_: None,
-        "without_needless": lambda solved: solved,
+        "fix_needless": lambda solved: solved,
     }  # fmt: skip
     for name, function in replaced.items():
         monkeypatch.setattr(rocking_body, name, function)
-    assert rocking_body.with_tilt(solve(60.0, job=job)).solution.objective == objective
+    assert (
+        rocking_body.solve_tilted(solve(60.0, job=job)).solution.objective == objective
+    )
     assert asked == (["rough"] if objective == 10.0 else [])
 
 
@@ -158,7 +160,7 @@ def test_compliance_is_fixed_again_where_the_tilt_explains_the_touches(
     monkeypatch.setattr(nested_models, "misfit_of", lambda *_: Misfit(0, 0, 2.0))
     monkeypatch.setattr(nested_models, "occam_of", lambda *_: 1.0)
     monkeypatch.setattr(nested_models, "wald", lambda *_: rise)
-    assert nested_models.without_needless(soft).solution.objective == left
+    assert nested_models.fix_needless(soft).solution.objective == left
     assert asked == ([(Reductions(), soft)] if rise < 3.0 else [])
 
 
@@ -169,7 +171,7 @@ def test_what_the_user_freed_or_a_failed_solve_is_not_fixed_again(monkeypatch, j
     monkeypatch.setattr(nested_models, "occam_of", lambda *_: 1.0)
     monkeypatch.setattr(nested_models, "wald", lambda *_: 0.0)
     soft = replace(job, reductions=Reductions(rigid=False))
-    assert nested_models.without_needless(one := solve(36.0, job=soft)) is one
+    assert nested_models.fix_needless(one := solve(36.0, job=soft)) is one
     told = replace(soft, options=Options(without=("rigid",)))
     monkeypatch.setattr(nested_models, "warm_started", None)
-    assert nested_models.without_needless(one := solve(36.0, job=told)) is one
+    assert nested_models.fix_needless(one := solve(36.0, job=told)) is one

@@ -13,7 +13,7 @@ from tactilenlp.estimation import optima
 from tactilenlp.evaluation.metrics import cuboid_errors
 from tactilenlp.information.goodness_of_fit import Misfit
 from tactilenlp.interface.request import first_guess
-from tactilenlp.refinement.ground_tilt import moved_to, with_ground_tilt
+from tactilenlp.refinement.ground_tilt import estimate_ground_tilt, moved_to
 from tactilenlp.tracking.surface import body_surface, pose_of
 
 LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
@@ -114,7 +114,7 @@ def test_without_excess_the_ground_is_not_turned(monkeypatch):
     where = "tactilenlp.refinement.ground_tilt.misfit_of"
     monkeypatch.setattr(where, lambda solved: Misfit(1.0, 0.0, 3.0))
     kept = [Solved()]
-    assert with_ground_tilt(kept) is kept
+    assert estimate_ground_tilt(kept) is kept
 
 
 def test_a_guess_of_the_world_is_one_of_the_ground_that_leans():
@@ -162,7 +162,7 @@ def test_a_body_stays_where_it_is_in_the_world_when_the_grounds_frame_moves(
         solves.append(found[0])
         return found
 
-    monkeypatch.setattr(optima, "with_ground_tilt", kept)
+    monkeypatch.setattr(optima, "estimate_ground_tilt", kept)
     options = Options(check_mistakes=False, without=without)
     given = {"shape": shape, "options": options, "throw": False}
     solve_estimate(data, replace(scene, ground=table), **given)

@@ -28,7 +28,8 @@ def solved(monkeypatch):
         "solved_from": solve, "tumbling_motions": lambda *_: [*PROPOSALS],
         "unexplained_by_action": lambda *_: {}, "built_page": lambda *_: None,
         "in_motion_of": lambda job, h: h, "certify": lambda *_: None,
-        "replace": lambda best, **_: best, "named": lambda shape, h, like: h,
+        "replace": lambda best, **_: best,
+        "in_canonical_axes": lambda shape, h, like: h,
     }  # fmt: skip
     for name, value in stand_ins.items():
         monkeypatch.setattr(certification, name, value)

@@ -27,7 +27,7 @@ from ..local.solved import Solved
 from ..problem.hypothesis import Hypothesis
 from ..refinement.nested_models import NUISANCES
 from ..refinement.refinement import from_scratch
-from ..refinement.sensor_lags import with_lags
+from ..refinement.sensor_lags import estimate_lags
 from ..search.multistart import multistart
 from .initial_search import REFINEMENT_END
 from .interrupted import Incumbents
@@ -83,7 +83,7 @@ def optima_of_dense(request: Request, rows, incumbents: Incumbents) -> Optima:
     solved = solves.best_first()
     if not solved:
         return Optima(None, [], kept, starts)
-    solved = with_lags(solved)  # more samples tell more of it
+    solved = estimate_lags(solved)  # more samples tell more of it
     optima = Optima(None, solved, kept, starts)
     optima = certify_best(dense, optima, partial(_certify_dense, coarse_best))
     declined, profile = coarse_best.declined, coarse_best.profile

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..data.sensor_noise import precise
 from ..interface.request import Request
 from ..local.solved import Solved
-from ..refinement.incremental import continues, of_whole_actions, update_by_few_starts
+from ..refinement.incremental import can_update, of_whole_actions, update_by_few_starts
 from ..search.multi_hypothesis import TrackingSearch
 from .initial_search import REFINEMENT_END, reduced_job, search_in_contact_frame
 from .interrupted import Incumbents
@@ -41,7 +41,7 @@ def update_from_few_starts(request: Request, incumbents: Incumbents) -> FewStart
     may_do = may_do and not job.shape.of_vertices
     may_do = may_do and job.reductions.planar and job.contract.rough
     may_do = may_do and precise(job.data, job.precision)
-    if not (may_do and continues(start, job) and of_whole_actions(start, job)):
+    if not (may_do and can_update(start, job) and of_whole_actions(start, job)):
         return FewStarts()
     search = search_in_contact_frame(request, reduced_job(request), incumbents)
     enough, solves = False, incumbents.solves.part()

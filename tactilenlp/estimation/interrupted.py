@@ -16,7 +16,7 @@ from ..local.local_solve import evaluated_at, in_motion_of, solved_from
 from ..local.solved import Solved, Solves
 from ..problem.pages import name_of, page_of
 from ..problem.reductions import states_planar_motion
-from ..refinement.axis_names import with_named_axes
+from ..refinement.axis_names import solve_in_canonical_axes
 from ..solvers.solution import not_converged
 
 SHUTDOWN_TIME = 2.0  # [s] that a solve after Ctrl-C may take
@@ -86,7 +86,7 @@ def interrupted(request: Request, incumbents: Incumbents) -> Interrupted:
     if solved is None:
         return Interrupted("stopped by Ctrl-C before anything was found")
     in_time = replace(solved.job, deadline=Deadline.within(SHUTDOWN_TIME))
-    solved = with_named_axes(replace(solved, job=in_time), request.axes)
+    solved = solve_in_canonical_axes(replace(solved, job=in_time), request.axes)
     kept = [solved.at] if job.shape.of_vertices else incumbents.kept
     seconds = {**solved.solution.seconds, "total": incumbents.spent}
     estimate = read_off(request, solved, kept, seconds, NEVER)

@@ -38,18 +38,18 @@ from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
 from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
-from ..refinement.axis_names import named
+from ..refinement.axis_names import in_canonical_axes
 from ..refinement.certification import (
     certified,
     restore_reductions,
     solve_other_motions,
-    with_profiles,
+    solve_profiles,
 )
-from ..refinement.ground_tilt import with_ground_for_turns, with_ground_tilt
-from ..refinement.incremental import continues
-from ..refinement.incremental_polytope import continue_if_implausible
+from ..refinement.ground_tilt import estimate_ground_tilt, tilt_ground_for_turns
+from ..refinement.incremental import can_update
+from ..refinement.incremental_polytope import continuation_if_implausible
 from ..refinement.model_selection import most_probable
-from ..refinement.nested_models import lost_by_compliance, with_nuisance_parameters
+from ..refinement.nested_models import free_nuisance_parameters, lost_by_compliance
 from ..refinement.refinement import (
     far_behind,
     fits_badly,
@@ -59,7 +59,7 @@ from ..refinement.refinement import (
     solve_from_hypotheses,
     update_costs_too_much,
 )
-from ..refinement.sensor_lags import lost_by_latency, with_lags
+from ..refinement.sensor_lags import estimate_lags, lost_by_latency
 from ..solvers.solution import check_finite
 from .few_starts import FewStarts, update_from_few_starts
 from .initial_search import REFINEMENT_END, SEARCH_END, initial_hypotheses
@@ -94,7 +94,7 @@ class Optima:
         """The optima that are believed beside the best one."""
         return comparable(self.best, self.solved)
 
-    def to_continue(self, width: int) -> list[Hypothesis]:
+    def for_next_action(self, width: int) -> list[Hypothesis]:
         """Return those for the next action: distinct optima, the best among them."""
         job, solved = self.solved[0].job, self.solved
         if job.shape.of_vertices:
@@ -133,7 +133,7 @@ def optima_of(
         optima = min(optima, other, key=lambda o: o.rank)
     best = optima.best
     with best.job.deadline.ending("profile likelihoods"):
-        best = with_profiles(best)
+        best = solve_profiles(best)
     return replace(optima, best=best)
 
 
@@ -148,22 +148,22 @@ def _search_once(
     good, the optima are those of a search from scratch with that latency; of a polytope
     whose fingertips are found to be soft, of one with these.
     """
-    few = update_from_few_starts(request, incumbents)
-    few = few._replace(solved=[*earlier, *few.solved])
-    if few.enough:
-        kept = starts = [s.at for s in few.solved]
+    first = update_from_few_starts(request, incumbents)
+    first = first._replace(solved=[*earlier, *first.solved])
+    if first.enough:
+        hypotheses = starts = [s.at for s in first.solved]
     else:
-        kept, starts = initial_hypotheses(request, incumbents, few.search)
-        starts = [named(request.job.shape, h, request.axes) for h in starts]
-    incumbents.kept, incumbents.searched = kept, incumbents.spent
-    solved = _solve_page(request, starts, incumbents, few, update)
-    if solved and (job := _found_otherwise(request.job, solved[0])) is not None:
-        again = from_scratch(replace(request, job=job))
-        return _search_once(again, Incumbents([], incumbents.solves), update, solved)
-    return Optima(solved[0] if solved else None, solved, kept, starts)
+        hypotheses, starts = initial_hypotheses(request, incumbents, first.search)
+        starts = [in_canonical_axes(request.job.shape, h, request.axes) for h in starts]
+    incumbents.kept, incumbents.searched = hypotheses, incumbents.spent
+    solved = _solve_page(request, starts, incumbents, first, update)
+    if solved and (job := _job_to_search_again(request.job, solved[0])) is not None:
+        second = from_scratch(replace(request, job=job))
+        return _search_once(second, Incumbents([], incumbents.solves), update, solved)
+    return Optima(solved[0] if solved else None, solved, hypotheses, starts)
 
 
-def _found_otherwise(job: Job, best: Solved) -> Job | None:
+def _job_to_search_again(job: Job, best: Solved) -> Job | None:
     """Return the job that is to be searched again, as a solve found it, if any."""
     if lost_by_latency(job, best):
         log.info("searching again with the latency that was found")
@@ -174,35 +174,35 @@ def _found_otherwise(job: Job, best: Solved) -> Job | None:
     return None
 
 
-def _search_by_action(request: Request, found: Job) -> Optima | None:
+def _search_by_action(request: Request, like: Job) -> Optima | None:
     """Return the optima of a search that solves the page after every action.
 
     Where the fit after an action is not good, that action is searched again, less sure
     of how pushes move the body, as long as this finds more; of a polytope no pushes are
     predicted.  Of shapes with sizes and noisy sensors, twice as many hypotheses are
-    kept, and starts solved, as by the first search.  found: the job of a solve of all
+    kept, and starts solved, as by the first search.  like: the job of a solve of all
     actions, as which it begins (`Job.as_found`).  None if time ends it.
     """
-    parts, update = growing(request), isinstance(request.start, Estimate)
+    jobs, update = growing(request), isinstance(request.start, Estimate)
     with_sizes = searches_rougher = not request.job.shape.of_vertices
-    if not (with_sizes or update or len(parts) > 1):
+    if not (with_sizes or update or len(jobs) > 1):
         return None  # it would be the same search
     log.info("the trajectory is doubtful: searching action by action")
     request = replace(from_scratch(request), doubtful=with_sizes)
-    kept, optima = [], None
-    for job in parts:
+    hypotheses, optima = [], None
+    for job in jobs:
         if not _in_time(request):
             return None
-        part = replace(request, job=job.as_found(found))
-        optima = _search_once(part, Incumbents(kept))
+        so_far = replace(request, job=job.as_found(like))
+        optima = _search_once(so_far, Incumbents(hypotheses))
         if optima.best is None:
             return None
-        if searches_rougher and fits_badly(part, optima.best) and _in_time(request):
-            rough = less_sure_of_pushes(part)
-            other = _search_once(rough, Incumbents(kept))
+        if searches_rougher and fits_badly(so_far, optima.best) and _in_time(request):
+            rough = less_sure_of_pushes(so_far)
+            other = _search_once(rough, Incumbents(hypotheses))
             searches_rougher = other.rank < optima.rank
             optima = other if searches_rougher else optima
-        kept, found = optima.to_continue(request.widths[0]), optima.best.job
+        hypotheses, like = optima.for_next_action(request.widths[0]), optima.best.job
     return optima
 
 
@@ -227,11 +227,8 @@ def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
     the first search took it for level.
     """
     ground, assumed = best.job.scene.ground, request.job.scene.ground
-    if (
-        ground is not assumed
-        and assumed.told is None
-        and request.job.search.hypothesis is None
-    ):
+    searched = request.job.search.hypothesis is None
+    if ground is not assumed and assumed.told is None and searched:
         log.info("searching again on the ground that leans")
         return replace(from_scratch(request), job=request.job.as_found(best.job))
     if update_costs_too_much(request, best):
@@ -240,49 +237,50 @@ def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
 
 
 def _solve_page(
-    request: Request, starts, incumbents: Incumbents, few: FewStarts,
+    request: Request, starts, incumbents: Incumbents, first: FewStarts,
     update: Solved | None,
 ) -> list[Solved]:  # fmt: skip
     """Return the page solved from the starts, then of larger models, best first.
 
-    incumbents: where solves are added; few: solves from some of the starts, alone where
-    they suffice; update: see `optima_of`.  No solves if the time limit came before the
-    first one ended.
+    incumbents: where solves are added; first: solves from some of the starts, alone
+    where they suffice; update: see `optima_of`.  No solves if the time limit came
+    before the first one ended.
     """
-    job, solves = request.job_until(REFINEMENT_END), incumbents.solves.part(few.solved)
-    past = request.start if continues(request.start, job) else None
+    job, enough = request.job_until(REFINEMENT_END), first.enough
+    solves = incumbents.solves.part(first.solved)
+    past = request.start if can_update(request.start, job) else None
 
     def from_starts(job, starts, earlier=()) -> list[Solved]:
         """Solve one job, whose solves compete with each other alone."""
         return solve_from_hypotheses(job, starts, solves.part(), past, earlier)
 
-    def solve_larger(free, first, alone: bool) -> list[Solved]:
+    def solve_larger(free, h, alone: bool) -> list[Solved]:
         """Solve a larger model from the optimum of the smaller, and from all starts."""
-        first = replace(first, objective=starts[0].objective)  # of the search
-        larger = from_starts(free, [first] if alone else [first, *starts])
+        h = replace(h, objective=starts[0].objective)  # of the search
+        larger = from_starts(free, [h] if alone else [h, *starts])
         return [s for s in larger if s.job is free]
 
     solved = []
     with job.deadline.ending(OTHER_SOLVES):
-        solved = few.solved if few.enough else from_starts(job, starts, few.solved)
+        solved = first.solved if enough else from_starts(job, starts, first.solved)
         check_finite(solved[0].problem, solved[0].solution)
-        solved = with_lags(solved)
+        solved = estimate_lags(solved)
         if not lost_by_latency(request.job, solved[0]):
-            solved = _with_larger_models(solved, solve_larger)
-            solved = continue_if_implausible(solved, update)
+            solved = _solve_larger_models(solved, solve_larger)
+            solved = continuation_if_implausible(solved, update)
     return solved or solves.best_first()
 
 
-def _with_larger_models(flat, solve_larger) -> list[Solved]:
+def _solve_larger_models(flat, solve_larger) -> list[Solved]:
     """Return solves, on a ground that leans, with what the data set free."""
-    leaning = with_ground_tilt(flat)
-    larger = with_nuisance_parameters(leaning, solve_larger)
+    leaning = estimate_ground_tilt(flat)
+    larger = free_nuisance_parameters(leaning, solve_larger)
     same_model = larger[0].job.reductions == flat[0].job.reductions
     if leaning is not flat and not same_model:
         # The tilt did not explain enough: what was freed then may do without it.
-        level = with_nuisance_parameters(flat, solve_larger)
+        level = free_nuisance_parameters(flat, solve_larger)
         larger = min(larger, level, key=lambda solves: solves[0].rank)
-    return with_ground_for_turns(larger)
+    return tilt_ground_for_turns(larger)
 
 
 def certify_best(request: Request, optima: Optima, certify) -> Optima:

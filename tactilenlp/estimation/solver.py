@@ -143,7 +143,7 @@ def _estimated(request: Request, incumbents: Incumbents) -> tuple[Estimate, Solv
         optima = optima_of_dense(request, rows, incumbents)
     if optima.best is None:
         return not_solved(request, optima.starts, incumbents.spent)
-    incumbents.kept = optima.to_continue(request.widths[0])
+    incumbents.kept = optima.for_next_action(request.widths[0])
     if any(what.startswith(UNSEARCHED) for what in job.deadline.omitted):
         incumbents.kept = []  # a solve that starts from it searches all actions
     return _read_estimate(request, optima.best, incumbents, optima.modes), optima.best

@@ -146,7 +146,7 @@ def freed_to_tilt(job: Job, slid: Solved) -> Solved:
 # Continuation: from an easier problem of the same page to the page itself
 
 
-def continuation(job: Job, solved: Solved) -> Solved | None:
+def solve_by_continuation(job: Job, solved: Solved) -> Solved | None:
     """Solve again by continuation from where a solve ended; None if the page has none.
 
     A page with levels for guessed poses (`ROUGH`) starts from the last two of them:

@@ -1,8 +1,9 @@
 """The names of a box's axes: which is x, and which way it points.
 
-A box is the same body under 24 names, four while it slides flat.  `naming` is the
-convention; the page is solved again under it (`with_named_axes`).  A page that tells
-the axes apart is solved from hypotheses under all names (`in_distinct_namings`).
+A box is the same body under 24 names, four while it slides flat.  The convention is
+`canonical_relabelling`; the page is solved again under it (`solve_in_canonical_axes`).
+A page that tells the axes apart is solved from hypotheses under all names
+(`under_distinct_relabellings`).
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ UNEQUAL = np.array([0.8, 1.0, 1.25])  # [-] of the mean side, where names are co
 EQUAL_SIDES = 1e-6  # [m] sides this close have no order
 
 
-def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
-    """Return the order of sizes, and the axes (3, 3), by which a box is named.
+def canonical_relabelling(shape, h: Hypothesis, like=None) -> tuple:
+    """Return the order of sizes (list), and the axes (3, 3), by which a box is named.
 
     At the first sample z is the axis nearest the vertical, x points within 90 degrees
     of the world's x, and side x is not shorter than side y.  like: side lengths (3,)
@@ -49,13 +50,13 @@ def naming(shape, h: Hypothesis, like=None) -> tuple[list[int], np.ndarray]:
     return min(relabellings(shape, upright=is_planar(h.x)), key=rank)
 
 
-def named(shape, h: Hypothesis, like) -> Hypothesis:
-    """Return a hypothesis under the names of `naming`."""
-    return renamed(h, *naming(shape, h, like))
+def in_canonical_axes(shape, h: Hypothesis, like) -> Hypothesis:
+    """Return a hypothesis in the axes of the convention, or those of `like`."""
+    return relabelled(h, *canonical_relabelling(shape, h, like))
 
 
-def renamed(h: Hypothesis, order, S) -> Hypothesis:
-    """Return a hypothesis under other names of the axes: as `naming` returns them."""
+def relabelled(h: Hypothesis, order, S) -> Hypothesis:
+    """Return a hypothesis in other axes: an order of sizes, and axes S (3, 3)."""
     return replace(h, theta=h.theta[order], x=with_axes(h.x, S))
 
 
@@ -66,23 +67,23 @@ def with_axes(x, S) -> np.ndarray:
     return np.vstack([x[:3], rotvecs(matrices(x) @ S).T])
 
 
-def with_named_axes(solved, like) -> Solved:
-    """Return a solve, or one of the same optimum with the axes of a box renamed.
+def solve_in_canonical_axes(solved, like) -> Solved:
+    """Return a solve, or one of the same optimum with the axes of a box relabelled.
 
-    like: see `naming`.  A page that tells the axes apart, as by a prior of one side,
-    decides itself: a renamed optimum that costs more is not taken.
+    like: see `canonical_relabelling`.  A page that tells the axes apart, as by a prior
+    of one side, decides itself: a relabelled optimum that costs more is not taken.
     """
     job = solved.job
-    order, S = naming(job.shape, solved.at, like)
+    order, S = canonical_relabelling(job.shape, solved.at, like)
     if np.array_equal(S, np.eye(3)) or not solved.solution.success:
         return solved
     if job.deadline.passed("the order of a box's axes"):
         return solved
-    again = warm_started(job, _with_renamed_axes(job.shape, solved, order, S))
+    again = warm_started(job, _relabelled_solution(job.shape, solved, order, S))
     return again if again.rank <= solved.rank else solved
 
 
-def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
+def under_distinct_relabellings(job, hypotheses) -> list[Hypothesis]:
     """Return hypotheses; where a page tells the axes of a box apart, under all names.
 
     The search takes the axes as alike.  A prior of each side, or a page of the user's,
@@ -94,19 +95,19 @@ def in_distinct_namings(job, hypotheses) -> list[Hypothesis]:
         return hypotheses
     kept, costs, best = [], [], hypotheses[0]
     for order, S in relabellings(job.shape, upright=is_planar(best.x)):
-        probe = renamed(replace(best, theta=best.theta.mean() * UNEQUAL), order, S)
+        probe = relabelled(replace(best, theta=best.theta.mean() * UNEQUAL), order, S)
         built = built_page(job, probe)
         start = built.values_at(in_motion_of(job, probe))
         cost = evaluated(built.problem, start).objective
         if all(abs(cost - other) > UNCHANGED for other in costs):
-            kept.append([renamed(h, order, S) for h in hypotheses])
+            kept.append([relabelled(h, order, S) for h in hypotheses])
             costs.append(cost)
     if len(kept) > 1:
         log.info("the page tells the axes apart: starts under %d names", len(kept))
     return [h for pair in zip(*kept, strict=True) for h in pair]
 
 
-def _with_renamed_axes(shape, solved, order, S) -> Solved:
+def _relabelled_solution(shape, solved, order, S) -> Solved:
     """Return a solve with other names of the axes, to start from.
 
     Ground contacts are listed by corner, the same ones at each step.
@@ -118,7 +119,7 @@ def _with_renamed_axes(shape, solved, order, S) -> Solved:
     rows = np.arange(len(solved.window.corner)).reshape(-1, len(corners))
     rows = rows[:, places].ravel()
 
-    def relabelled(values) -> dict:
+    def values_relabelled(values) -> dict:
         ground = {k: values[k][:, rows] for k in (GROUND,) if k in values}
         centre = {k: S.T @ values[k] for k in (CENTRE_OF_MASS,) if k in values}
         return values | ground | centre | {"theta": values["theta"][order]}
@@ -130,9 +131,9 @@ def _with_renamed_axes(shape, solved, order, S) -> Solved:
     x = with_axes(solution.values["x"], S)
     solution = replace(
         solution,
-        values=relabelled(solution.values) | {"x": x},
-        bound_multipliers=relabelled(solution.bound_multipliers),
+        values=values_relabelled(solution.values) | {"x": x},
+        bound_multipliers=values_relabelled(solution.bound_multipliers),
         multipliers=multipliers,
     )
-    h = renamed(solved.hypothesis, order, S)
+    h = relabelled(solved.hypothesis, order, S)
     return replace(solved, hypothesis=h, solution=solution)

@@ -29,8 +29,8 @@ from ..local.solved import Solved, comparable
 from ..problem.reductions import states_planar_motion
 from ..search.multistart import ranking
 from ..search.proposals_tumble import tumbling_motions
-from .axis_names import named, with_named_axes
-from .ground_tilt import with_ground_tilt
+from .axis_names import in_canonical_axes, solve_in_canonical_axes
+from .ground_tilt import estimate_ground_tilt
 from .model_selection import most_probable
 from .profile_deviation import VAGUE_SHARE
 from .profile_likelihood import (
@@ -38,7 +38,7 @@ from .profile_likelihood import (
     profile_deviations,
     untouched_height_sigma,
 )
-from .rocking_body import explains_touches, with_tilt
+from .rocking_body import explains_touches, solve_tilted
 
 log = logging.getLogger("tactilenlp")
 MAX_RESTORED = 2  # solves with reductions restored
@@ -51,9 +51,9 @@ def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
     Tilted where that explains touches, or as it tumbled where a tilt does not.  job: as
     it was before reductions were restored.
     """
-    tilted = with_tilt(flat)
+    tilted = solve_tilted(flat)
     if tilted is not flat:
-        tilted = with_ground_tilt([tilted])[0]
+        tilted = estimate_ground_tilt([tilted])[0]
     fell = "planar" in flat.certificates.broken and not states_planar_motion(job.page)
     fell = fell and (tilted is flat or not explains_touches(tilted))
     if fell and job.shape.faced and not job.deadline.passed("a tumble"):
@@ -63,7 +63,7 @@ def solve_other_motions(job, flat: Solved, executor=None) -> Solved:
     return flat if tilted is flat else restore_reductions(tilted)
 
 
-def with_profiles(best) -> Solved:
+def solve_profiles(best) -> Solved:
     """Return a solve with profile likelihoods, if Options asks for them.
 
     Where one of its solves meets a better optimum, that one, if it stays better with
@@ -80,10 +80,10 @@ def with_profiles(best) -> Solved:
         again = restore_reductions(warm_started(job, better, PROFILE_MU))
         best = again if again.rank < best.rank else best
         profile, _ = profile_deviations(best, seeks=False)
-    return with_height_open(replace(best, profile=profile))
+    return solve_with_height_open(replace(best, profile=profile))
 
 
-def with_height_open(flat) -> Solved:
+def solve_with_height_open(flat) -> Solved:
     """Return a solve with profiles: in free motion where this opens a height, or flat.
 
     Felt normals lean where fingers meet the rim of the top, which tells the height of a
@@ -142,14 +142,14 @@ def restore_reductions(solved) -> Solved:
 def certified(best: Solved, solved, like, certify) -> tuple[Solved, list[Solved]]:
     """Return the most probable solve, certified, its axes named; and all that compete.
 
-    best: the most probable one; like: see `naming`; certify(solved): a solve with
-    certificates, or a better one.  What is restored for it is restored for all; if
-    another one is the most probable then, that one is certified.
+    best: the most probable one; like: see `canonical_relabelling`; certify(solved): a
+    solve with certificates, or a better one.  What is restored for it is restored for
+    all; if another one is the most probable then, that one is certified.
     """
     likeliest, best = best, None
     while likeliest is not best:
         others = [s for s in solved if s is not likeliest]
-        flat = with_named_axes(likeliest, like)
+        flat = solve_in_canonical_axes(likeliest, like)
         best = certify(flat)
         if best.window.motion is not flat.window.motion:
             return best, [flat, *others]
@@ -194,7 +194,7 @@ def _solve_tumbles(job, flat, limit: float, executor) -> Solved | None:
     first = 1 + next(k for k, level in enumerate(levels) if "x" not in level.fixed)
     like = flat.at.theta, rotation_matrix(flat.at.x[:, 0])
     for h in motions[:MAX_TUMBLE_SOLVES]:
-        h = named(job.shape, h, like)
+        h = in_canonical_axes(job.shape, h, like)
         built = built_page(free, in_motion_of(free, h))
         tumbled = solved_from(free, h, built, levels[:first])
         if levels[first:] and tumbled.solution.objective < limit:

@@ -22,7 +22,7 @@ from formulations.names import FINGER_TURN
 from ..geometry.transforms import is_planar, matrices, rotvecs, rotvecs_back
 from ..information.linearisation import ground_tilt
 from ..information.mixture import occam_of
-from ..local.local_solve import continuation, warm_started
+from ..local.local_solve import solve_by_continuation, warm_started
 from ..local.margins import UNCHANGED
 from ..local.solved import Solved, best_first, close_to_best
 from .nested_models import misfit_of, needed_gain
@@ -31,7 +31,7 @@ log = logging.getLogger("tactilenlp")
 MAX_TILTS = 4  # Newton steps on the tilt of the ground
 
 
-def with_ground_tilt(solves) -> list[Solved]:
+def estimate_ground_tilt(solves) -> list[Solved]:
     """Return solves, best first, on a tilted ground where evidence favours it.
 
     If the ground is turned, solves far from the best are dropped.
@@ -53,7 +53,7 @@ def with_ground_tilt(solves) -> list[Solved]:
     return best_first([best, *others])
 
 
-def with_ground_for_turns(solves) -> list[Solved]:
+def tilt_ground_for_turns(solves) -> list[Solved]:
     """Return solves on a ground that leans, if that explains turned sensors.
 
     It turns the normals of all fingers alike, by fewer unknowns: it replaces their own
@@ -66,7 +66,7 @@ def with_ground_for_turns(solves) -> list[Solved]:
         return solves
     ground = job.scene.ground.turned(_common_turn(best), _below_first_touches(best))
     moved = moved_to(ground, best)
-    leans = continuation(moved.job.with_reductions(aligned=True), moved)
+    leans = solve_by_continuation(moved.job.with_reductions(aligned=True), moved)
     if leans is None or not leans.solution.success:
         return solves
     leans = replace(leans, declined=best.declined)

@@ -27,7 +27,7 @@ from ..solvers.solution import Solution
 UPDATE_MU = 1e-3  # IPOPT's mu_init where all but one action is known
 
 
-def continues(start, job: Job) -> bool:
+def can_update(start, job: Job) -> bool:
     """Tell whether a start is an estimate of a job's page, of the same contacts."""
     good = isinstance(start, Estimate) and start.success
     good = good and start.formulation == name_of(job.page)

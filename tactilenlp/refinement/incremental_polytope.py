@@ -23,7 +23,7 @@ from ..geometry.transforms import planar_matrix
 from ..information.goodness_of_fit import LOST
 from ..information.measurement_noise import touches
 from ..information.trajectory import moved_farther
-from ..local.local_solve import continuation, warm_started
+from ..local.local_solve import solve_by_continuation, warm_started
 from ..local.solved import (
     ACCEPTABLE,
     BuiltPage,
@@ -48,7 +48,7 @@ from ..solvers.solution import Solution, after
 from .certification import restore_reductions
 from .incremental import (
     UPDATE_MU,
-    continues,
+    can_update,
     of_more_samples,
     past_solution,
     update_limit,
@@ -79,7 +79,7 @@ def update_by_one_action(job: Job, start) -> tuple[Solved | None, bool]:
         return cheap and solved.solution.success and not implausible(solved)
 
     if not good(solved):
-        solved = _continued(solved)
+        solved = _better_by_continuation(solved)
     if good(solved):
         solved = restore_reductions(solved)
         before = {s.name for s in start.skipped if not s.holds}
@@ -95,7 +95,7 @@ def update_by_one_action(job: Job, start) -> tuple[Solved | None, bool]:
     return solved, False
 
 
-def continue_if_implausible(solves, update=None) -> list[Solved]:
+def continuation_if_implausible(solves, update=None) -> list[Solved]:
     """Return solves, best first; the best is solved again where it is implausible.
 
     update: the result of a rejected update, which competes, if there is one.
@@ -103,20 +103,20 @@ def continue_if_implausible(solves, update=None) -> list[Solved]:
     best, *others = solves
     if best.job.contract.extends and implausible(best):
         log.info("touches are not explained, or the body jumps: continuation")
-        best = _continued(best)
+        best = _better_by_continuation(best)
     solves = [best, *others]
     return solves if update is None else best_first([*solves, update])
 
 
-def _continued(solved: Solved) -> Solved:
+def _better_by_continuation(solved: Solved) -> Solved:
     """Return a solve, or the one that its continuation leads to, if that is better."""
-    again = continuation(solved.job, solved)
+    again = solve_by_continuation(solved.job, solved)
     return solved if again is None else min(solved, again, key=lambda s: s.rank)
 
 
 def is_one_action_more(start, job: Job) -> bool:
     """Tell whether a job is that of an estimate of this page and one action more."""
-    if not (continues(start, job) and job.contract.extends and job.reductions.planar):
+    if not (can_update(start, job) and job.contract.extends and job.reductions.planar):
         return False  # in free motion all actions are solved again
     whole = start.measurements.samples == np.count_nonzero(
         job.data.action != job.data.action[-1]

@@ -79,7 +79,7 @@ def needed_gain(spread: float, occam: float = DECISIVE) -> float:
     return max(spread, UNCHANGED) + occam
 
 
-def with_nuisance_parameters(solves, solve) -> list[Solved]:
+def free_nuisance_parameters(solves, solve) -> list[Solved]:
     """Return solves, best first; what NUISANCES names is free if evidence favours it.
 
     solves: with all of it fixed, best first; solve(job, hypothesis, alone): the same of
@@ -87,11 +87,11 @@ def with_nuisance_parameters(solves, solve) -> list[Solved]:
     """
     for name, nuisance in NUISANCES.items():
         if solves[0].job.fixes(name) and solves[0].solution.success:
-            solves = _with_nuisance(name, nuisance, solves, solve)
+            solves = _free_nuisance(name, nuisance, solves, solve)
     return solves
 
 
-def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
+def _free_nuisance(name, nuisance, solves, solve) -> list[Solved]:
     """Return solves, one nuisance parameter free if evidence favours it."""
     best, *others = solves
     job, touches = best.job, misfit_of(best)
@@ -116,11 +116,11 @@ def _with_nuisance(name, nuisance, solves, solve) -> list[Solved]:
         bound = "" if freed[0].solution.success else "at least "  # its solve failed
         return [declined(best, name, gain, needed, bound), *others]
     log.info("%s is free: the objective falls by %.1f nats", nuisance.dropped, gain)
-    first = without_needless(replace(freed[0], declined=best.declined))
+    first = fix_needless(replace(freed[0], declined=best.declined))
     return [first, *freed[1:], *solves]
 
 
-def without_needless(solved: Solved) -> Solved:
+def fix_needless(solved: Solved) -> Solved:
     """Return a solve with what data had freed fixed again, where that costs little.
 
     Freed while a body slid, it may have stood for a tilt; solved from other starts, it

@@ -31,15 +31,15 @@ from ..local.solved import Solved, best_first
 from ..problem.reductions import Reductions, required_reductions
 from ..search.multistart import multistart
 from ..tracking.process_noise import PROCESS_NOISE_FACTOR
-from .axis_names import in_distinct_namings
+from .axis_names import under_distinct_relabellings
 from .incremental import (
-    continues,
+    can_update,
     new_actions,
     past_solution,
     still_explained,
     update_limit,
 )
-from .incremental_polytope import continue_if_implausible
+from .incremental_polytope import continuation_if_implausible
 
 log = logging.getLogger("tactilenlp")
 
@@ -58,11 +58,11 @@ def solve_from_hypotheses(job, kept, solves, start=None, earlier=()) -> list[Sol
     if lying and required.planar and not job.reductions.planar:
         flat = replace(job, reductions=required)
         slid = solve_from_hypotheses(flat, kept, solves.provisional(), start)
-        slid = continue_if_implausible(slid)
+        slid = continuation_if_implausible(slid)
         if of_vertices or planar_certificate(flat, slid[0]).holds:
             return _solve_in_free_motion(job, slid[:1] if of_vertices else slid, solves)
     start = None if of_vertices else start
-    return _solve_promising(job, kept, solves, start, earlier)
+    return _solve_best_hypotheses(job, kept, solves, start, earlier)
 
 
 def _solve_in_free_motion(job, slid, solves) -> list[Solved]:
@@ -73,7 +73,7 @@ def _solve_in_free_motion(job, slid, solves) -> list[Solved]:
     return best_first(solves.add(freed_to_tilt(job, s)) for s in slid)
 
 
-def _solve_promising(job, kept, solves, start, earlier) -> list[Solved]:
+def _solve_best_hypotheses(job, kept, solves, start, earlier) -> list[Solved]:
     """Return the page solved from the best hypotheses, best first.
 
     Where the first ones, which continue `start`, explain the new data, they are solved
@@ -82,7 +82,7 @@ def _solve_promising(job, kept, solves, start, earlier) -> list[Solved]:
     limit = min(h.objective for h in kept) + LEAST_MOTION_BEHIND
     levels = levels_of(job)
     promising = [h for h in kept if h.objective <= limit]
-    promising = in_distinct_namings(job, promising)
+    promising = under_distinct_relabellings(job, promising)
     paths = [s.hypothesis.x for s in earlier]
     promising = [h for h in promising if not any(np.array_equal(h.x, x) for x in paths)]
     few = start is not None and promising and not earlier
@@ -126,7 +126,7 @@ def update_costs_too_much(request, best: Solved) -> bool:
     right trajectory.
     """
     start, job = request.start, request.job
-    if job.shape.of_vertices or not continues(start, job):
+    if job.shape.of_vertices or not can_update(start, job):
         return False
     most = update_limit(start, new_actions(start, job.data))
     return job.deadline.left > 0 and best.solution.objective > most

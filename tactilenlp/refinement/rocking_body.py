@@ -33,14 +33,14 @@ from ..local.local_solve import freed_to_tilt, solved_from
 from ..local.solved import Solved, best_first
 from ..problem.hypothesis import Hypothesis
 from ..problem.poses import body_corners
-from .nested_models import gain_of, misfit_of, needed_gain, without_needless
+from .nested_models import fix_needless, gain_of, misfit_of, needed_gain
 
 log = logging.getLogger("tactilenlp")
 TILT_CHANGE = 0.05  # [rad] deviation of the change of tilt in a sample: 1.5 rad/s
 AS_IT_BEGINS = 1e-3  # [TILT_CHANGE] deviation of the tilt as an action begins
 
 
-def with_tilt(best: Solved) -> Solved:
+def solve_tilted(best: Solved) -> Solved:
     """Return the page in free motion where evidence favours it, or the flat solve."""
     job = best.job
     if not (job.fixes("planar") and best.solution.success):
@@ -60,7 +60,7 @@ def with_tilt(best: Solved) -> Solved:
     if gain < needed:
         return best
     log.info("the body rocks: the objective falls by %.1f nats", gain)
-    return without_needless(replace(tilted, declined=best.declined))
+    return fix_needless(replace(tilted, declined=best.declined))
 
 
 def explains_touches(solved: Solved) -> bool:

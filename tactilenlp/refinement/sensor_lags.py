@@ -58,7 +58,7 @@ LAGS = {  # in the order in which they are estimated
 }
 
 
-def with_lags(solves) -> list[Solved]:
+def estimate_lags(solves) -> list[Solved]:
     """Return solves, best first, with the lags of sensors that evidence favours.
 
     If a lag changes, solves far from the best are dropped.  A page without touches
@@ -68,11 +68,11 @@ def with_lags(solves) -> list[Solved]:
         best = solves[0]
         told = best.job.fixes("prompt") and TOUCH_TERM in best.problem.costs
         if told and best.solution.success:
-            solves = _with_lag(name, lag, solves)
+            solves = _estimate_lag(name, lag, solves)
     return solves
 
 
-def _with_lag(name: str, lag: Lag, solves) -> list[Solved]:
+def _estimate_lag(name: str, lag: Lag, solves) -> list[Solved]:
     """Return solves with one lag, if evidence favours it."""
     prompt, known = solves[0], lag.consider(solves[0].linearised)
     needed = _needed_for_lag(lag, prompt, known)
