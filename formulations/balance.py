@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from . import names
 from .finger_contact import FingerContact, Push, pushes_of
 from .ground_contact import Corner, GroundContact, corners_of
 from .rigid_body import ARM, G, momentum_change, steps_of, uniform
@@ -114,5 +115,6 @@ def add(nlp, window, balance, dynamics):
     """Add the cost of every step."""
     sigma = nlp.parameters["balance sigma"]
     for count, now, contacts in dynamics.steps(window):
-        name, of = f"balance, {count} pushing", (now, dynamics.centre, sigma, *contacts)
+        name = f"{names.BALANCE}, {count} pushing"
+        of = now, dynamics.centre, sigma, *contacts
         nlp.minimize(name, balance.cost, *of, role="physics")

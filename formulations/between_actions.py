@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import casadi as ca
 
+from .names import BETWEEN_ACTIONS
 from .rigid_body import ARM
 
 GAP = 0.5e-3  # [m] way of the object between actions
@@ -38,7 +39,7 @@ def add_fixed_width(nlp, window, shape, theta, x, power=CAUCHY):
         return power * ca.log(1 + way_squared(motion, shape, theta, x, x_1) / gap**2)
 
     nlp.minimize(
-        "between actions", way_cost, theta, x[:, g.pose], x[:, g.before], gap_scale,
+        BETWEEN_ACTIONS, way_cost, theta, x[:, g.pose], x[:, g.before], gap_scale,
         role="prior",
     )  # fmt: skip
 
@@ -62,7 +63,7 @@ def add_moved_on(nlp, window, shape, theta, x):
         return -ca.log((stopped + pushed) / 2)
 
     nlp.minimize(
-        "between actions", way_cost, theta, x[:, g.pose], x[:, g.before],
+        BETWEEN_ACTIONS, way_cost, theta, x[:, g.pose], x[:, g.before],
         x[:, g.before_2], g.dt, gap_scale, braking, role="prior",
     )  # fmt: skip
 

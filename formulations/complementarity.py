@@ -100,7 +100,8 @@ def add_balance(nlp, window, law, dynamics, slack):
         return ca.vertcat(-ca.DM.eye(6), ca.DM.eye(6)) + 0 * w
 
     for count, now, contacts in dynamics.steps(window):
-        name, of = f"balance, {count} pushing", (now, dynamics.centre, slack, *contacts)
+        name = f"{names.BALANCE}, {count} pushing"
+        of = now, dynamics.centre, slack, *contacts
         nlp.report(name + names.RESPONSE, response, now.w)
         nlp.subject_to(name, imbalance, *of, lower=0)
 

@@ -52,6 +52,7 @@ from .known_trajectory_terms import (
     touching,
 )
 from .level import Level
+from .names import BALANCE, NOT_BELOW, ON_SURFACE, WORLD_IMPULSE
 from .rigid_body import G
 
 LEVELS = (Level("joint", ipopt={"mu_init": 1.0, "max_iter": 500}),)
@@ -119,7 +120,7 @@ def balance(nlp, window, plane, offset, inertia, fall, uniform, theta, lam):
             for c in g.touches.T
         ]
         nlp.minimize(
-            f"balance, {count} touching", law, ground, inertia, fall, uniform,
+            f"{BALANCE}, {count} touching", law, ground, inertia, fall, uniform,
             motion, *touches, role="likelihood",
         )  # fmt: skip
 
@@ -134,12 +135,11 @@ def contacts(nlp, window, ground, radius, corner, impulses, fall):
     now, before = Pose(s.p_wo, s.R_wo), Pose(s.p_wo_1, s.R_wo_1)
     after = Pose(s.p_wo_next, s.R_wo_next)
     nlp.minimize(
-        "on the surface", touching, ground, radius, corner, lam, w, surface, now,
+        ON_SURFACE, touching, ground, radius, corner, lam, w, surface, now,
         before, after, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
-        "not below", penetration, ground, radius, corner, s.depth, now,
-        role="likelihood",
+        NOT_BELOW, penetration, ground, radius, corner, s.depth, now, role="likelihood",
     )  # fmt: skip
     nlp.minimize(
         "dissipation", sliding, ground, corner, lam, mu, fall, w, before, after,
@@ -147,4 +147,4 @@ def contacts(nlp, window, ground, radius, corner, impulses, fall):
     )  # fmt: skip
     nlp.parameter("cone rounding", CONE_ROUNDING, "weights")
     add_cone(nlp, "ground", impulses)
-    nlp.report("world impulse", Ground.in_world, ground, lam)
+    nlp.report(WORLD_IMPULSE, Ground.in_world, ground, lam)

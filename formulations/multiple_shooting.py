@@ -21,7 +21,14 @@ from .between_actions import add_moved_on
 from .friction import friction
 from .level import Level
 from .likelihood import add_free, add_touches
-from .names import EXACT, FINGER_FRICTION, FINGER_IMPULSE, GROUND_FRICTION, RESPONSE
+from .names import (
+    EXACT,
+    FINGER_FRICTION,
+    FINGER_IMPULSE,
+    GROUND_FRICTION,
+    IMPULSE,
+    RESPONSE,
+)
 from .rigid_body import G, declare_poses, momentum_change, steps_of, uniform
 from .size_prior import add_size_prior, declare_sizes
 from .sliding_contact import Pusher
@@ -110,6 +117,6 @@ def reports(nlp, window, scene, shape, body, theta, x, mu):
     finger = Pusher(push.p_wf, push.p_wf_1, push.radius)
     nlp.report(FINGER_IMPULSE, pushed, now, mu, v_eps, finger)
     nlp.report(
-        "impulse", whole, theta, x[:, step.pose], x[:, step.before],
+        IMPULSE, whole, theta, x[:, step.pose], x[:, step.before],
         x[:, step.before_2], step.dt, step.dt_1,
     )  # fmt: skip

@@ -138,6 +138,6 @@ def add_dynamics(nlp, window, body, theta, x, lam, lam_g):
         name, of = f"dynamics, {count} pushing", (now, deviation, *contacts)
         nlp.minimize(name, body.unpredicted, *of, role="physics")
     nlp.minimize(
-        "between actions", body.between_actions, theta, x[:, gap.pose],
+        names.BETWEEN_ACTIONS, body.between_actions, theta, x[:, gap.pose],
         x[:, gap.before], deviation, role="physics",
     )  # fmt: skip

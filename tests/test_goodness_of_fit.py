@@ -9,12 +9,12 @@ from programmes import programme
 from scipy.spatial.transform import Rotation
 
 from formulations import sensing, violation_implicit
+from formulations.names import BETWEEN_ACTIONS
 from tactilenlp import Measurements, Noise, Options, solve_estimate
 from tactilenlp.data.contact_segments import gaps_near_touches
 from tactilenlp.data.noise_model import add_noise
 from tactilenlp.data.sensor_noise import precision_of
 from tactilenlp.information.goodness_of_fit import (
-    BETWEEN_ACTIONS,
     LOST,
     OF_MOTION,
     PHYSICS_ROW,

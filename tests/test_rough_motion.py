@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from formulations import violation_implicit
+from formulations.names import BETWEEN_ACTIONS
 from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, Options, polytope, solve_estimate
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
-from tactilenlp.information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW, Misfit
+from tactilenlp.information.goodness_of_fit import PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.local.margins import DECISIVE, PHYSICS_SHARE
 from tactilenlp.problem.pages import shape_of

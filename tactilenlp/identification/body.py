@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from formulations.names import BALANCE, NOT_BELOW, ON_SURFACE
+
 from ..common.brief import printed
 from ..information.goodness_of_fit import Misfit, verdict_of
 from ..solvers.solution import violation_in_words
@@ -22,7 +24,6 @@ UNOBSERVED_VERTEX = 0.5  # [prior deviations] of sigma, of an unobserved vertex
 STEP_MEAN, STEP_SPREAD = 2.24, 1.05  # [nats] of the pseudo-Huber cost of chi-square(6)
 TOUCH_MEAN, TOUCH_SPREAD = 0.5, 0.71  # [nats] of half a chi-square(1)
 VERDICTS = ("good", "poor", "bad")  # on a term, the worst one last
-SURFACE_TERMS = ("on the surface", "not below")
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,8 @@ class Body:
 
 def body_fit_of(costs: dict[str, float], steps: int) -> BodyFit:
     """Return the fit of a solution with these costs, by name, of so many steps."""
-    balance = sum(cost for name, cost in costs.items() if name.startswith("balance"))
-    heights = sum(costs[name] for name in SURFACE_TERMS)
+    balance = sum(cost for name, cost in costs.items() if name.startswith(BALANCE))
+    heights = costs[ON_SURFACE] + costs[NOT_BELOW]
     terms = {
         "the momentum balance": _misfit(balance, steps, STEP_MEAN, STEP_SPREAD),
         "the height of the corners": _misfit(heights, steps, TOUCH_MEAN, TOUCH_SPREAD),

@@ -12,6 +12,7 @@ import numpy as np
 
 from formulations import known_trajectory as page
 from formulations.known_trajectory_terms import uniform_cuboid
+from formulations.names import WORLD_IMPULSE
 
 from ..common.deadline import Deadline
 from ..common.threads import on_one_thread
@@ -285,7 +286,7 @@ def _sharp_sigma(C, names, signs, push) -> np.ndarray:
 def _impulses(trajectories, scene, problem, window, solution) -> np.ndarray:
     """Return the impulses (T, V, 3) [N s] of the ground on every vertex."""
     x, data = solution.at(problem)
-    impulses = problem.value("world impulse", x, data) @ scene.ground.rotation
+    impulses = problem.value(WORLD_IMPULSE, x, data) @ scene.ground.rotation
     out = np.zeros((len(trajectories.toss), window.vertices, 3))
     out[window.step.sample[window.touch.step], window.touch.vertex] = impulses
     return out

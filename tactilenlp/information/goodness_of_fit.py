@@ -48,14 +48,19 @@ from scipy.special import polygamma, psi
 
 from formulations import sensing
 from formulations.between_actions import CAUCHY, GAP
-from formulations.names import FREE_TERM, NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
+from formulations.names import (
+    BETWEEN_ACTIONS,
+    FREE_TERM,
+    NORMAL_SCALE,
+    TOUCH_SCALE,
+    TOUCH_TERM,
+)
 
 from ..data.contact_segments import gaps_near_touches, lone_touches
 from .measurement_noise import touches
 from .trajectory import moved_between, moved_farther
 
 PHYSICS_ROW = "physics"  # the row of all terms of that role
-BETWEEN_ACTIONS = "between actions"  # the row of the largest motion between two actions
 BESIDES = {  # the rows that are no part of the total, in words
     PHYSICS_ROW: "balance and friction cost",
     BETWEEN_ACTIONS: "the largest motion between actions costs",
@@ -159,11 +164,10 @@ class Fit:
     def _verdict_in_words(self) -> str:
         if self.doubt:  # the costs are good
             return f"The fit is {self.verdict}: {self.doubt}."
-        words = f"The fit is {self.verdict}: touches and free samples cost "
-        words += _in_words(self.total)
         besides = [(w, self.terms.get(n, NOTHING)) for n, w in BESIDES.items()]
         off = [f"; {w} {_in_words(m)}" for w, m in besides if m.excess > m.limit]
-        words += "".join(off)
+        words = f"The fit is {self.verdict}: touches and free samples cost "
+        words += _in_words(self.total) + "".join(off)
         if self.verdict == "good" or not self.touches:
             return f"{words}."
         worst, factor = self.touches[0], f"{self.widening:.1f}"

@@ -8,7 +8,13 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from formulations.names import EXACT, FINGER_IMPULSE, FINGER_OFFSET, GROUND_IMPULSE
+from formulations.names import (
+    EXACT,
+    FINGER_IMPULSE,
+    FINGER_OFFSET,
+    GROUND_IMPULSE,
+    IMPULSE,
+)
 
 from ..common.deadline import Deadline, OutOfTime
 from ..common.npz import versions
@@ -209,8 +215,8 @@ def impulses(solved, data, scene) -> dict[str, np.ndarray]:
         on_corners = problem.value(GROUND_IMPULSE, x, values) @ turn
         rows = window.step.sample[window.corner.step]
         out["ground"] = by_sample(on_corners, rows, T)
-    elif "impulse" in problem.reports:  # of all contacts: what fingers leave over
-        whole = problem.value("impulse", x, values) @ turn
+    elif IMPULSE in problem.reports:  # of all contacts: what fingers leave over
+        whole = problem.value(IMPULSE, x, values) @ turn
         out["ground"] = by_sample(whole, window.step.sample, T)
         out["ground"] -= sum(out[f"finger {i}"] for i in range(data.fingers))
     by = solved.job.precision.latency

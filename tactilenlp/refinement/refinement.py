@@ -11,11 +11,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from formulations.names import BETWEEN_ACTIONS
+
 from ..certificates.certify import planar_certificate
 from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
-from ..information.goodness_of_fit import BETWEEN_ACTIONS, PHYSICS_ROW
+from ..information.goodness_of_fit import PHYSICS_ROW
 from ..interface.result import Estimate
 from ..local.comparison import distinct
 from ..local.levels import levels_of
