@@ -179,6 +179,14 @@ def test_information_of_an_estimate_is_positive_and_speaks_of_all_it_names(estim
     )
 
 
+def test_the_summary_says_where_the_hessian_is_not_positive_definite(estimate):
+    assert "positive definite" not in estimate.summary()
+    curved = replace(estimate.information, indefinite=("touch along x[2, 0]",))
+    (said,) = {*replace(estimate, information=curved).remarks} - {*estimate.remarks}
+    assert said.startswith("The Hessian of the objective is not positive definite")
+    assert "(touch along x[2, 0])" in said
+
+
 def test_an_unknown_quantity_names_the_known_ones(estimate):
     with pytest.raises(OptionError, match="side_lengths"):
         observed_information(estimate).sigma("mass")

@@ -65,6 +65,11 @@ def remarks_of(estimate) -> list[str]:
     lines += nuisances_in_words(estimate)
     if open_ := estimate.information.unobserved:
         lines.append(f"Not observed: {'; '.join(open_)}.")
+    if curved := estimate.information.indefinite:
+        lines.append(
+            "The Hessian of the objective is not positive definite at the solution "
+            f"({'; '.join(curved)}): it tells no standard deviation in that direction."
+        )
     lines += doubts_in_words(estimate)
     return lines + optima_in_words(estimate.information)
 
