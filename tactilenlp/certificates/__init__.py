@@ -5,8 +5,8 @@ was dropped, why, and by how much it would matter.  Exact reductions by the mult
 of the unreduced problem at the solution, model reductions by touches that they leave
 unexplained.
 
-- `certify`: every reduction of a solved page, with its check
-- `unreduced`: the problem without reductions, built at a reduced solution
+- `certify`: every reduction of a solved page, with its check, on the problem without
+  reductions, built at the solution
 - `static_friction`: what carries a body at rest
 - `outliers`: touches that the assumed motion does not explain
 """

@@ -1,13 +1,22 @@
 """Certify after a solve that five reductions were right, and name what to restore.
 
 Exact reductions (far, absent, frictionless) must leave the optimum where it is; model
-reductions (still, planar) must not be contradicted by the data.  The unreduced problem,
-written out once at the solution, gives the certificates of far, absent and still.  The
-other three (rigid, central, aligned) are nested models, which refinement/nested_models
-compares with the larger ones: the declined of these are the checks.
+reductions (still, planar) must not be contradicted by the data.  The certificates of
+far, absent and still are evaluated on the unreduced problem, built once at the
+solution: every sample has a pose of its own, and every finger sample and impulse that
+was dropped is restored.  Common constraints keep their multipliers.  New ones have zero
+multipliers, new poses are those of their still span, and new impulses the page's own
+guess.
+
+The other three reductions (rigid, central, aligned) are nested models, which
+refinement/nested_models compares with the larger ones: the declined of these are the
+checks.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,14 +29,62 @@ from formulations.names import (
 )
 
 from ..local.solved import Solved
+from ..local.transfer import matching_contacts, rows_of, samples_of, transferred_values
+from ..nlp.kkt import gradient
+from ..nlp.problem import Problem
 from ..problem.job import Job
 from ..problem.skipped import Certificates, Skipped
 from .outliers import PLANAR_LIMIT, planar_share, unexplained_by_action
 from .static_friction import rest_force, slip_gain
-from .unreduced import unreduced
 
+LEFT_OUT = ("still", "far", "absent")  # of samples, poses and impulses
 NEUTRAL = 1e-6  # [relative] an exact reduction moves the objective by less
 DECREMENT = 0.1  # [nats] what is left out would lower the objective by less
+
+
+@dataclass(frozen=True, eq=False)
+class UnreducedProblem:
+    """The unreduced problem at a reduced solution.
+
+    x (unknowns,) SI and data of `problem`; multipliers by constraint; far: rows of
+    window.free, unfelt: rows of window.push, that had been left out.
+    """
+
+    window: object
+    problem: Problem
+    x: np.ndarray
+    data: np.ndarray
+    multipliers: dict[str, np.ndarray]
+    far: np.ndarray
+    unfelt: np.ndarray
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """The gradient (unknowns,) of the costs, SI."""
+        return gradient(self.problem, self.x, self.data, self.problem.costs)
+
+    @cached_property
+    def whole_slope(self) -> np.ndarray:
+        """The gradient (unknowns,) of costs and constraints times multipliers, SI."""
+        lam = self.multipliers
+        return self.slope + gradient(self.problem, self.x, self.data, lam, weights=lam)
+
+
+def unreduced(job: Job, solved: Solved) -> UnreducedProblem:
+    """Return a solved page without its reductions of samples, poses and impulses."""
+    h, window, solution = solved.hypothesis, solved.window, solved.solution
+    more = job.with_reductions(**dict.fromkeys(LEFT_OUT, False))
+    more = replace(more, cuts=())
+    again = more.window((h.theta, h.x), solved.at.theta)
+    problem = job.build(again)
+    values, _, multipliers = transferred_values(solved, again, problem)
+    free = rows_of(samples_of(window.free), samples_of(again.free))
+    unfelt = matching_contacts(window, again)[FINGER]
+    return UnreducedProblem(
+        window=again, problem=problem, x=problem.pack(values),
+        data=problem.data(solution.parameters), multipliers=multipliers,
+        far=np.nonzero(free < 0)[0], unfelt=np.nonzero(unfelt < 0)[0],
+    )  # fmt: skip
 
 
 def certify(job: Job, solved: Solved, rested: Skipped | None = None) -> Certificates:

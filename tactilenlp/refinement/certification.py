@@ -12,9 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..certificates.certify import certify
+from ..certificates.certify import LEFT_OUT, certify
 from ..certificates.outliers import unexplained_by_action
-from ..certificates.unreduced import LEFT_OUT
 from ..geometry.transforms import rotation_matrix
 from ..local.comparison import same_body
 from ..local.local_solve import (

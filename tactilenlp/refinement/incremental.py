@@ -12,7 +12,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from ..certificates.unreduced import LEFT_OUT
+from ..certificates.certify import LEFT_OUT
 from ..interface.result import Estimate, solution_of
 from ..local.comparison import same_body
 from ..local.local_solve import built_page, solved_from, transfer_solution
