@@ -19,8 +19,8 @@ from tactilenlp.local.margins import DECISIVE, PHYSICS_SHARE
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
-from tactilenlp.refinement.refinement import less_sure_of_pushes as more_noise
 from tactilenlp.search.multi_hypothesis import proposed_tracks
+from tactilenlp.tracking.process_noise import PROCESS_NOISE_FACTOR
 from tactilenlp.tracking.tracking import predicted_tracks
 from tactilenlp.tracking.tracks import filter_of
 
@@ -46,23 +46,21 @@ def predicted(job):
 
 def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):
     job = request_of_one_action.job
-    rough = more_noise(request_of_one_action).job
+    rough = request_of_one_action.less_sure_of_pushes().job
     before, once = predicted(job)
     same, more = predicted(rough)
     assert (before == same).all()
     still = predicted(job.with_search(process_noise=0.0))[1]
     for i in (-3, -2, -1):
         ratio = (more - still)[i, i] / (once - still)[i, i]
-        assert np.median(ratio) == pytest.approx(
-            refinement.PROCESS_NOISE_FACTOR**2, rel=1e-3
-        )
+        assert np.median(ratio) == pytest.approx(PROCESS_NOISE_FACTOR**2, rel=1e-3)
 
 
 def test_a_guess_is_kept_and_an_estimate_is_not(request_of_one_action, touched):
     guess = object()
-    kept = refinement.from_scratch(replace(request_of_one_action, start=guess))
+    kept = replace(request_of_one_action, start=guess).from_scratch()
     assert kept.start is guess
-    anew = refinement.from_scratch(replace(request_of_one_action, start=touched))
+    anew = replace(request_of_one_action, start=touched).from_scratch()
     assert anew.start is None
 
 
@@ -76,21 +74,21 @@ def test_actions_are_added_one_by_one_from_the_first_touch_on(
         normal=np.where(untouched[:, None, None], 0.0, data.normal),
     )  # fmt: skip
 
-    def growing(data, shape):
+    def counts(data, shape):
         job = replace(request_of_one_action.job, data=data, shape=shape)
         request = replace(request_of_one_action, job=job, start=None)
-        return [job.data.actions for job in refinement.growing(request)]
+        return [job.data.actions for job in request.jobs_by_action()]
 
-    assert growing(data, CUBOID) == [1, 2, 3, 4, 5, 6]
-    assert growing(late, CUBOID) == [2, 3, 4, 5, 6]
-    assert growing(late, polytope(20)) == [2, 3, 4, 5, 6]
+    assert counts(data, CUBOID) == [1, 2, 3, 4, 5, 6]
+    assert counts(late, CUBOID) == [2, 3, 4, 5, 6]
+    assert counts(late, polytope(20)) == [2, 3, 4, 5, 6]
 
 
 def test_an_update_of_a_polytope_is_searched_with_all_actions(recorded, touched):
     """The estimate that it starts from came about action by action."""
     data, _, _ = recorded
     job = SimpleNamespace(data=data, shape=polytope(20))
-    assert refinement.growing(SimpleNamespace(job=job, start=touched)) == [job]
+    assert Request.jobs_by_action(SimpleNamespace(job=job, start=touched)) == [job]
 
 
 def test_what_fits_badly_is_searched_again_where_that_can_find_more(
@@ -138,7 +136,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
 def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     data, scene, _ = recorded
     data = data.select([0, 1])
-    seen = []
+    seen, more_noise = [], Request.less_sure_of_pushes
 
     def asked(request):
         seen.append(request)
@@ -146,7 +144,7 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
 
     once = solve_estimate(data, scene)
     assert once.fit.verdict == "good"
-    monkeypatch.setattr(optima, "less_sure_of_pushes", asked)
+    monkeypatch.setattr(Request, "less_sure_of_pushes", asked)
     same = solve_estimate(data, scene)
     assert not seen
     assert same.objective == once.objective

@@ -26,7 +26,6 @@ from ..local.margins import LEAST_MOTION_BEHIND
 from ..local.solved import Solved
 from ..problem.hypothesis import Hypothesis
 from ..refinement.nested_models import NUISANCES
-from ..refinement.refinement import from_scratch
 from ..refinement.sensor_lags import estimate_lags
 from ..search.multistart import multistart
 from .initial_search import REFINEMENT_END
@@ -104,7 +103,7 @@ def coarse_request(request: Request, rows) -> Request:
     job = request.job.of_data(partial(_at_rows, rows=rows))
     job = replace(job, deadline=early, options=options)
     data = _at_rows(request.data, rows)
-    return replace(from_scratch(request), data=data, job=job)
+    return replace(request.from_scratch(), data=data, job=job)
 
 
 def interpolate(h: Hypothesis, data: Measurements, rows) -> Hypothesis:

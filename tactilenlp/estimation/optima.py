@@ -53,9 +53,6 @@ from ..refinement.nested_models import free_nuisance_parameters, lost_by_complia
 from ..refinement.refinement import (
     far_behind,
     fits_badly,
-    from_scratch,
-    growing,
-    less_sure_of_pushes,
     solve_from_hypotheses,
     update_costs_too_much,
 )
@@ -158,7 +155,7 @@ def _search_once(
     incumbents.kept, incumbents.searched = hypotheses, incumbents.spent
     solved = _solve_page(request, starts, incumbents, first, update)
     if solved and (job := _job_to_search_again(request.job, solved[0])) is not None:
-        second = from_scratch(replace(request, job=job))
+        second = replace(request, job=job).from_scratch()
         return _search_once(second, Incumbents([], incumbents.solves), update, solved)
     return Optima(solved[0] if solved else None, solved, hypotheses, starts)
 
@@ -183,12 +180,12 @@ def _search_by_action(request: Request, like: Job) -> Optima | None:
     kept, and starts solved, as by the first search.  like: the job of a solve of all
     actions, as which it begins (`Job.as_found`).  None if time ends it.
     """
-    jobs, update = growing(request), isinstance(request.start, Estimate)
+    jobs, update = request.jobs_by_action(), isinstance(request.start, Estimate)
     with_sizes = searches_rougher = not request.job.shape.of_vertices
     if not (with_sizes or update or len(jobs) > 1):
         return None  # it would be the same search
     log.info("the trajectory is doubtful: searching action by action")
-    request = replace(from_scratch(request), doubtful=with_sizes)
+    request = replace(request.from_scratch(), doubtful=with_sizes)
     hypotheses, optima = [], None
     for job in jobs:
         if not _in_time(request):
@@ -198,7 +195,7 @@ def _search_by_action(request: Request, like: Job) -> Optima | None:
         if optima.best is None:
             return None
         if searches_rougher and fits_badly(so_far, optima.best) and _in_time(request):
-            rough = less_sure_of_pushes(so_far)
+            rough = so_far.less_sure_of_pushes()
             other = _search_once(rough, Incumbents(hypotheses))
             searches_rougher = other.rank < optima.rank
             optima = other if searches_rougher else optima
@@ -230,9 +227,9 @@ def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
     searched = request.job.search.hypothesis is None
     if ground is not assumed and assumed.told is None and searched:
         log.info("searching again on the ground that leans")
-        return replace(from_scratch(request), job=request.job.as_found(best.job))
+        return replace(request.from_scratch(), job=request.job.as_found(best.job))
     if update_costs_too_much(request, best):
-        return from_scratch(request)
+        return request.from_scratch()
     return None
 
 

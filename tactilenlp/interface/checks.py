@@ -50,6 +50,15 @@ def check_page(page, shape, scene) -> None:
         )  # fmt: skip
 
 
+def check_round_fingertips(scene) -> None:
+    """Raise SceneError unless the fingertips are round."""
+    if scene.finger_length > 0:
+        raise SceneError(
+            "a polytope is estimated with round fingertips only",
+            where="finger_length", got=scene.finger_length, expected="0",
+        )  # fmt: skip
+
+
 def check_executor(executor, shape) -> None:
     """Raise OptionError unless it is an Executor, and can be sent the shape."""
     if executor is None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..common.deadline import Deadline
 from ..common.validation import check_types
+from ..data.contact_segments import consecutive_contacts
 from ..data.ground import Ground, frame_of
 from ..data.measurements import Measurements
 from ..data.mistakes import check_mistakes
@@ -23,14 +24,14 @@ from ..data.sensor_noise import (
 )
 from ..errors import StartError
 from ..geometry.transforms import planar_matrix, rotation_of
-from ..problem.fingertips import check_round_fingertips as check_round
 from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
 from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
 from ..problem.reductions import required_reductions
 from ..search.proposals_poses import as_polytope
-from .checks import check_executor, check_page, check_touched
+from ..tracking.process_noise import PROCESS_NOISE_FACTOR
+from .checks import check_executor, check_page, check_round_fingertips, check_touched
 from .result import Estimate
 from .session import Guess, Session
 
@@ -75,6 +76,30 @@ class Request:
         """How many hypotheses are kept, and starts solved, after an action."""
         job = self.job
         return job.options.widths(precise(job.data, job.precision), self.doubtful)
+
+    def from_scratch(self) -> Request:
+        """Return the request without the estimate that it starts from."""
+        start = None if isinstance(self.start, Estimate) else self.start
+        return replace(self, start=start)
+
+    def less_sure_of_pushes(self) -> Request:
+        """Return it, less sure of how pushes move the body, which is not carried."""
+        settings = {"process_noise": PROCESS_NOISE_FACTOR, "may_be_carried": False}
+        return replace(self, job=self.job.with_search(**settings))
+
+    def jobs_by_action(self) -> list[Job]:
+        """Return jobs of the first actions, from the first touch on, one more each.
+
+        In an update of a polytope that of all actions: the estimate that it starts from
+        came about so.
+        """
+        job, data = self.job, self.job.data
+        if isinstance(self.start, Estimate) and job.shape.of_vertices:
+            return [job]
+        actions = np.unique(data.action)
+        touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
+        chosen = [actions[actions <= a] for a in actions[actions >= touched]]
+        return [job.of_data(lambda data, of=of: data.select(of)) for of in chosen]
 
 
 def read_request(
@@ -129,7 +154,7 @@ def checked_request(scene, shape, formulation, options, executor) -> tuple:
                     name_of(page), ", ".join(stated))  # fmt: skip
     check_executor(executor, shape)
     if shape.of_vertices:
-        check_round(scene)
+        check_round_fingertips(scene)
     return scene, shape, options, page
 
 

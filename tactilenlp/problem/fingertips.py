@@ -8,7 +8,6 @@ import numpy as np
 
 from formulations.finger import SPHERE, Finger, capsule
 
-from ..errors import SceneError
 from ..geometry.transforms import rotation_of
 
 END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
@@ -61,12 +60,3 @@ def outlier_cost(scene) -> float:
     if scene.flip_rate is None:
         return OUTLIER_COST
     return -float(np.log(max(scene.flip_rate, LEAST_FLIP_RATE)))
-
-
-def check_round_fingertips(scene) -> None:
-    """Raise SceneError unless the fingertips are round."""
-    if scene.finger_length > 0:
-        raise SceneError(
-            "a polytope is estimated with round fingertips only",
-            where="finger_length", got=scene.finger_length, expected="0",
-        )  # fmt: skip

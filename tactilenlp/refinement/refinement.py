@@ -14,7 +14,6 @@ import numpy as np
 from formulations.names import BETWEEN_ACTIONS
 
 from ..certificates.certify import planar_certificate
-from ..data.contact_segments import consecutive_contacts
 from ..data.sensor_noise import precise
 from ..geometry.transforms import is_planar
 from ..information.goodness_of_fit import PHYSICS_ROW
@@ -32,7 +31,6 @@ from ..local.margins import (
 from ..local.solved import Solved, best_first
 from ..problem.reductions import Reductions, required_reductions
 from ..search.multistart import multistart
-from ..tracking.process_noise import PROCESS_NOISE_FACTOR
 from .axis_names import under_distinct_relabellings
 from .incremental import (
     can_update,
@@ -165,30 +163,3 @@ def fits_badly(request, best: Solved) -> bool:
         return False
     x, data = best.solution.at(problem)
     return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)
-
-
-def from_scratch(request):
-    """Return the request without the estimate that it starts from."""
-    start = None if isinstance(request.start, Estimate) else request.start
-    return replace(request, start=start)
-
-
-def less_sure_of_pushes(request):
-    """Return the request, less sure of how pushes move the body, but not carried."""
-    settings = {"process_noise": PROCESS_NOISE_FACTOR, "may_be_carried": False}
-    return replace(request, job=request.job.with_search(**settings))
-
-
-def growing(request) -> list:
-    """Return the jobs of the first actions, from the first touch on, one more each.
-
-    In an update of a polytope that of all actions: the estimate that it starts from
-    came about so.
-    """
-    job, data = request.job, request.job.data
-    if isinstance(request.start, Estimate) and job.shape.of_vertices:
-        return [job]
-    actions = np.unique(data.action)
-    touched = data.action[1:][consecutive_contacts(data).any(axis=1)][0]
-    chosen = [actions[actions <= a] for a in actions[actions >= touched]]
-    return [job.of_data(lambda data, few=few: data.select(few)) for few in chosen]
