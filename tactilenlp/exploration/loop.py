@@ -23,6 +23,7 @@ from ..information.information import POSE
 from ..interface.request import check_start, checked_request
 from ..interface.result import Estimate
 from ..interface.session import Guess
+from ..output.summary import headline
 from ..problem.pages import name_of
 from ..refinement.model_selection import classes_of
 from .action_space import Workspace, workspace_of
@@ -109,8 +110,7 @@ def _steps(loop: _Loop, file, start) -> Iterator[Step]:
         check_same(step.estimate, data, loop.same, file)
         estimate = step.estimate
         past += [] if step.action is None else [step.action]
-        headline = estimate.summary().partition("\n")[0]
-        log.info("action %d (%s): %s", number, step.policy, headline)
+        log.info("action %d (%s): %s", number, step.policy, headline(estimate))
         wipe()
         yield step
         if settings.until is not None and _enough(step, settings.until):

@@ -18,7 +18,7 @@ from ..solvers.solution import violation_in_words
 from .colours import BLUE, FINGER_RGB, PALE, RED, information_colour
 from .export import check_format
 from .orientation import is_level, sigma_of_yaw, yaw_of
-from .summary import named_sizes
+from .summary import headline, named_sizes
 
 REACH_FACTOR = 1.5  # [-] radius of the picture over that of the object
 GROUND_LINES = 8  # [1] lines of the ground's grid to each side
@@ -52,7 +52,6 @@ def write_report(estimate, path: str | os.PathLike) -> None:
 def _content(estimate) -> dict:
     """Return what the page shows, as numbers, strings and lists."""
     data = estimate.measurements
-    first, *_ = estimate.summary().split("\n")
     centre, reach = _frame(estimate)
     pushes = [estimate.impulses[f"finger {f}"] for f in range(data.fingers)]
     sigma = None  # (T, 3) [m] of the position, where it is known
@@ -61,7 +60,7 @@ def _content(estimate) -> dict:
     most = max((np.linalg.norm(push, axis=1).max() for push in pushes), default=0.0)
     return {
         "title": f"Estimated {estimate.shape}",
-        "subtitle": first,
+        "subtitle": headline(estimate),
         "time": _plain(data.time, 3),
         "action": data.action.tolist(),
         "position": _plain(estimate.position),

@@ -53,6 +53,11 @@ def summary_of(estimate) -> str:
     return "\n".join(lines)
 
 
+def headline(estimate) -> str:
+    """Return the first line of its summary: what it is, or that it is not solved."""
+    return estimate.summary().partition("\n")[0]
+
+
 def remarks_of(estimate) -> list[str]:
     """Return sentences on classes, fit, nuisance parameters, what is not observed."""
     lines = []

@@ -21,10 +21,13 @@ from ..geometry.transforms import rotation_of
 from ..interface.result import Estimate
 from ..solvers.solution import Solution
 from .style import (
+    DEEP_BLUE,
+    GREEN,
     INK,
     STYLE,
     TOUCHED_COLOUR,
     UNTOUCHED_COLOUR,
+    VERMILION,
     below,
     check_axes,
     finger_colour,
@@ -32,7 +35,7 @@ from .style import (
     picture,
 )
 
-SIDES = (("x", "#0072B2", "o"), ("y", "#D55E00", "s"), ("z", "#009E73", "^"))
+SIDES = (("x", DEEP_BLUE, "o"), ("y", VERMILION, "s"), ("z", GREEN, "^"))
 LEAST_DRAWN = 1e-3  # [mm] of an error on a logarithmic axis
 LOG_FLOOR = 1e-12  # drawn in place of zero on logarithmic axes
 
@@ -130,7 +133,7 @@ def plot_progress(solved, axis=None) -> Figure:
     axis = one_axis(axis, 5.6, 3.2)
     for name, label, colour in (
         ("primal", "constraint violation [scaled]", TOUCHED_COLOUR),
-        ("dual", "gradient of the Lagrangian [scaled]", "#D55E00"),
+        ("dual", "gradient of the Lagrangian [scaled]", VERMILION),
         ("barrier", "barrier parameter mu [nats]", UNTOUCHED_COLOUR),
     ):
         axis.semilogy(

@@ -20,6 +20,7 @@ from ..common.brief import MM_PER_M
 from ..geometry.faces import face_sigma, is_box
 from ..interface.result import Estimate
 from ..output.colours import UNKNOWN_SIGMA, WELL_KNOWN_SIGMA, information_colour
+from ..output.summary import headline
 from .drawing import (
     contacts_on_body,
     draw_scene,
@@ -126,7 +127,7 @@ def plot_estimate(estimate: Estimate, truth=None, axis=None) -> Figure:
 def _four_axes(estimate) -> list:
     """Return the axes of a new figure, two flat and two in 3-D."""
     figure = plt.figure(figsize=(7.0, 6.6))
-    said = estimate.summary().partition("\n")[0]
+    said = headline(estimate)
     parts = said.replace(" at (", "\nat (").replace(", turned", ",\nturned")
     lines = [textwrap.fill(part, TITLE) for part in parts.split("\n")]
     figure.suptitle("\n".join(lines))

@@ -16,8 +16,9 @@ from ..interface.result import Estimate
 from ..output.colours import FINGER_RGB
 
 # Colours that the colour-blind can distinguish (Okabe, Ito, "Color Universal Design").
-TOUCHED_COLOUR, UNTOUCHED_COLOUR = "#0072B2", "#B5B5B5"
-BAND_COLOUR, TRUTH_COLOUR, INK = "#56B4E9", "#D55E00", "#333333"
+DEEP_BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
+TOUCHED_COLOUR, UNTOUCHED_COLOUR = DEEP_BLUE, "#B5B5B5"
+BAND_COLOUR, TRUTH_COLOUR, INK = "#56B4E9", VERMILION, "#333333"
 STYLE = {
     "font.size": 8, "legend.fontsize": 8, "legend.frameon": False, "figure.dpi": 150,
     "axes.spines.top": False, "axes.spines.right": False, "axes3d.grid": False,
