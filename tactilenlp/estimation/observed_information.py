@@ -42,7 +42,8 @@ from ..problem.options import Options
 from ..problem.pages import name_of, page_of, shape_of
 from ..refinement.incremental import past_solution
 
-ASSUMED = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
+OF_SCENE = {"mass": "kg", "friction_ground": "1", "friction_finger": "1"}
+OF_WINDOW = {"sigma_position": "m", "sigma_normal": "rad"}
 SHIFT = 1e-6  # [m] shift of a finger
 INFORMATION_KINDS = ("exact", "sandwich", "gauss_newton", "paper", "inverse_dynamics")
 
@@ -183,16 +184,13 @@ def assumption_sensitivity(estimate, *, shape=None, formulation=None) -> Sensiti
 
 def _assumptions(scene, window) -> Iterator[tuple[str, str, float, list]]:
     """Yield of each assumption name, unit, step; window and scene to either side."""
-    for name, unit in ASSUMED.items():
-        if value := getattr(scene, name):
+    for name, unit in (OF_SCENE | OF_WINDOW).items():
+        owner = scene if name in OF_SCENE else window
+        if value := getattr(owner, name):
             step = ASSUMPTION_STEP * value
-            ends = ({name: value + d} for d in (step, -step))
-            yield name, unit, step, [(window, replace(scene, **end)) for end in ends]
-    for name, unit in (("sigma_position", "m"), ("sigma_normal", "rad")):
-        if (value := getattr(window, name)) > 0:
-            step = ASSUMPTION_STEP * value
-            ends = ({name: value + d} for d in (step, -step))
-            yield name, unit, step, [(replace(window, **end), scene) for end in ends]
+            ends = [replace(owner, **{name: value + d}) for d in (step, -step)]
+            sides = [(window, s) if owner is scene else (s, scene) for s in ends]
+            yield name, unit, step, sides
     world = frame_of(scene.ground).rotation  # its axes: columns
     for finger in np.unique(np.r_[window.touch.finger, window.free.finger]):
         for axis, word in zip(world.T, "xyz", strict=True):

@@ -210,12 +210,8 @@ def _steps(data, scene, pose, first, before, moving) -> Steps:
     two = np.where(first[one], one, before[one])
     dt, dt_1 = data.time[samples] - data.time[one], data.time[one] - data.time[two]
     dt_1 = np.where((two == one) | np.isclose(dt_1, dt, EVEN_STEPS), dt, dt_1)
-    return Steps(samples, pose[samples], pose[one], pose[two], dt, dt_1, unmoved(dt))
-
-
-def unmoved(dt) -> np.ndarray:
-    """Return the motion (steps, 3) of steps, of which none is predicted."""
-    return np.zeros((len(dt), 3))
+    unmoved = np.zeros((len(dt), 3))  # no motion is predicted
+    return Steps(samples, pose[samples], pose[one], pose[two], dt, dt_1, unmoved)
 
 
 def _gaps(data, scene, pose, first) -> Steps:
@@ -230,7 +226,8 @@ def _gaps(data, scene, pose, first) -> Steps:
     dt = np.where(
         early < last, data.time[last] - data.time[early], intervals(data)[last]
     )
-    return Steps(start, pose[start], pose[last], pose[early], dt, dt, unmoved(dt))
+    unmoved = np.zeros((len(dt), 3))
+    return Steps(start, pose[start], pose[last], pose[early], dt, dt, unmoved)
 
 
 def _pushes(data, p_wf, pushing, hidden, step, before) -> Pushes:

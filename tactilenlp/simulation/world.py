@@ -7,6 +7,8 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
+from formulations.exploration import least_jerk
+
 from ..common.npz import write_npz
 from ..common.validation import check_types
 from ..data.ground import scene_number
@@ -266,4 +268,4 @@ def retraction(here, normal, path, duration: float, parked) -> np.ndarray:
 def _smooth(duration: float) -> np.ndarray:
     """Return the minimum-jerk profile from 0 to 1 at every step, (n, 1, 1)."""
     s = np.linspace(0, 1, round(duration / TIME_STEP) + 1)
-    return (s**3 * (10 - 15 * s + 6 * s**2))[:, None, None]
+    return least_jerk(s)[:, None, None]

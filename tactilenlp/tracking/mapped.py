@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import casadi as ca
 
@@ -26,19 +27,15 @@ def map_columns(
     with what these take from other modules, such as constants; derive's own module is
     read as text.  They are not derived where both are as in an earlier compilation.
     """
+    mapped = partial(MappedFunction, sizes=SIZES, rounded=padded)
     text = inspect.getsource(inspect.getmodule(derive)) + origin.serialize()
     if functions := compiled_earlier(names, text):
-        return [_mapped(lambda one=one: one) for one in functions]
+        return [mapped(lambda one=one: one) for one in functions]
     compiled = start_compilation(derive(), text, vectors=True)
-    return [_mapped(lambda k=k: compiled()[k]) for k in range(len(names))]
+    return [mapped(lambda k=k: compiled()[k]) for k in range(len(names))]
 
 
 def of_columns(name: str, arguments, results) -> ca.Function:
     """Return the function of expressions, of dense columns alone."""
     results = [ca.densify(one) for one in results]
     return ca.Function(name, [*arguments], results, {"cse": True})
-
-
-def _mapped(compiled: Callable[[], ca.Function]) -> MappedFunction:
-    """Return a function for any number of columns, with arrays for numbers in steps."""
-    return MappedFunction(compiled, SIZES, padded)
