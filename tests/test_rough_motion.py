@@ -13,13 +13,15 @@ from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, Options, polytope, solve_estimate
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
+from tactilenlp.estimation.second_searches import from_more_draws
 from tactilenlp.information.goodness_of_fit import PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
-from tactilenlp.local.margins import DECISIVE, PHYSICS_SHARE
+from tactilenlp.local.margins import DECISIVE, PHYSICS_LEAST, PHYSICS_SHARE
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.search.multi_hypothesis import proposed_tracks
+from tactilenlp.tracking.initial_states import DOUBTFUL_DRAWN, DRAWN, initial_states
 from tactilenlp.tracking.process_noise import PROCESS_NOISE_FACTOR
 from tactilenlp.tracking.tracking import predicted_tracks
 from tactilenlp.tracking.tracks import filter_of
@@ -124,9 +126,9 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
-    moved, balance = 0.0, 0.99 * (DECISIVE + PHYSICS_SHARE)  # of one action
+    moved, balance = 0.0, 0.99 * (PHYSICS_LEAST + PHYSICS_SHARE)  # of one action
     assert not searched(asked)
-    balance = 1.01 * (DECISIVE + PHYSICS_SHARE)
+    balance = 1.01 * (PHYSICS_LEAST + PHYSICS_SHARE)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
     assert not searched(asked, precision=Precision(1e-3, 0.1))
@@ -155,6 +157,21 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     assert twice.objective <= once.objective + 1e-3
 
 
+def test_a_doubtful_trajectory_is_first_searched_from_more_draws(
+    request_of_one_action,
+):
+    job = request_of_one_action.job
+    wide = from_more_draws(replace(request_of_one_action, start=None), job)
+    assert wide.job.search.drawn == DOUBTFUL_DRAWN > job.search.drawn
+    states = [
+        initial_states(job.data, CUBOID, np.random.default_rng(0), 0.01, n)[0]
+        for n in (DRAWN, DRAWN * DOUBTFUL_DRAWN)
+    ]
+    assert states[1].shape[1] == DOUBTFUL_DRAWN * states[0].shape[1]
+    of_vertices = replace(request_of_one_action, job=replace(job, shape=polytope(20)))
+    assert from_more_draws(of_vertices, job) is None
+
+
 def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
     job = replace(request_of_one_action.job, shape=polytope(20))
     again = replace(request_of_one_action, job=job)
@@ -173,11 +190,15 @@ def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, sh
         return whole(request, incumbents, begun)
 
     monkeypatch.setattr(optima, "initial_hypotheses", searched)
-    bad = [True]  # at first only
+    bad = [True, True]  # at first, and from more draws; then no longer
     monkeypatch.setattr(optima, "fits_badly", lambda *_: bad and bad.pop())
     found = solve_estimate(data.select([0, 1, 2]), scene, shape=shape)
     (_, first), *parts = searches
     assert not first
+    if shape == "cuboid":  # a polytope has no draws
+        (drawn, kept), *parts = parts
+        assert drawn.actions == 3
+        assert not kept
     assert [d.actions for d, _ in parts] == [1, 2, 3]
     assert not parts[0][1]
     for before, kept in parts[1:]:

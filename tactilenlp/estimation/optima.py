@@ -19,8 +19,9 @@ from the best solve before.  Modules of refinement/, when each is used, its chan
 
 A search is repeated from the first touch where the objective says that it has lost the
 trajectory, with a latency of the sensors or soft fingertips of a polytope that were
-found, and on a ground that was found to lean.  Where the fit is not good, or physics
-costs more than usual, another one solves the page after every action, and continues its
+found, and on a ground that was found to lean (second_searches.py).  Where the fit is
+not good, or physics costs more than usual, another one draws more bodies at the first
+touch; if that does not help, one solves the page after every action, and continues its
 optima, not tracks of the filter alone.  The better result counts.
 """
 
@@ -49,18 +50,23 @@ from ..refinement.ground_tilt import estimate_ground_tilt, tilt_ground_for_turns
 from ..refinement.incremental import can_update
 from ..refinement.incremental_polytope import continuation_if_implausible
 from ..refinement.model_selection import most_probable
-from ..refinement.nested_models import free_nuisance_parameters, lost_by_compliance
+from ..refinement.nested_models import free_nuisance_parameters
 from ..refinement.refinement import (
     far_behind,
     fits_badly,
     solve_from_hypotheses,
-    update_costs_too_much,
 )
 from ..refinement.sensor_lags import estimate_lags, lost_by_latency
 from ..solvers.solution import check_finite
 from .few_starts import FewStarts, update_from_few_starts
-from .initial_search import REFINEMENT_END, SEARCH_END, initial_hypotheses
+from .initial_search import REFINEMENT_END, initial_hypotheses
 from .interrupted import Incumbents
+from .second_searches import (
+    from_more_draws,
+    in_time,
+    job_to_search_again,
+    search_that_may_gain,
+)
 
 log = logging.getLogger("tactilenlp")
 CERTIFICATES_END = 1.0  # [-] of the time until the readout
@@ -114,7 +120,7 @@ def optima_of(
     optima = _search_once(request, incumbents, update)
     if optima.best is None or far_behind(request, optima.best):
         return optima
-    if (second := _search_that_may_gain(request, optima.best)) is not None:
+    if (second := search_that_may_gain(request, optima.best)) is not None:
         other = _search_once(second, Incumbents([], incumbents.solves), update)
         optima = min(optima, other, key=lambda o: o.rank)
 
@@ -123,11 +129,14 @@ def optima_of(
         return solve_other_motions(solved.job, flat, request.executor)
 
     optima = certify_best(request, optima, certify)
-    sought = request.job.search.hypothesis is None and fits_badly(request, optima.best)
-    other = _search_by_action(request, optima.best.job) if sought else None
-    if other is not None and _differs(other.best, optima.solved):
-        other = certify_best(request, other, certify)
-        optima = min(optima, other, key=lambda o: o.rank)
+    for search in (_search_from_more_draws, _search_by_action):
+        searched = request.job.search.hypothesis is None
+        if not (searched and fits_badly(request, optima.best)):
+            break
+        other = search(request, optima.best.job)
+        if other is not None and _differs(other.best, optima.solved):
+            other = certify_best(request, other, certify)
+            optima = min(optima, other, key=lambda o: o.rank)
     best = optima.best
     with best.job.deadline.ending("profile likelihoods"):
         best = solve_profiles(best)
@@ -154,21 +163,21 @@ def _search_once(
         starts = [in_canonical_axes(request.job.shape, h, request.axes) for h in starts]
     incumbents.kept, incumbents.searched = hypotheses, incumbents.spent
     solved = _solve_page(request, starts, incumbents, first, update)
-    if solved and (job := _job_to_search_again(request.job, solved[0])) is not None:
+    if solved and (job := job_to_search_again(request.job, solved[0])) is not None:
         second = replace(request, job=job).from_scratch()
         return _search_once(second, Incumbents([], incumbents.solves), update, solved)
     return Optima(solved[0] if solved else None, solved, hypotheses, starts)
 
 
-def _job_to_search_again(job: Job, best: Solved) -> Job | None:
-    """Return the job that is to be searched again, as a solve found it, if any."""
-    if lost_by_latency(job, best):
-        log.info("searching again with the latency that was found")
-        return job.as_late_as(best.job.precision)
-    if lost_by_compliance(job, best):
-        log.info("searching again with soft fingertips")
-        return job.as_found(best.job)
-    return None
+def _search_from_more_draws(request: Request, like: Job) -> Optima | None:
+    """Return the optima of a search from more draws, if there is time for one.
+
+    like: as of `_search_by_action`.
+    """
+    if (wide := from_more_draws(request, like)) is None:
+        return None
+    optima = _search_once(wide, Incumbents([]))
+    return None if optima.best is None else optima
 
 
 def _search_by_action(request: Request, like: Job) -> Optima | None:
@@ -188,24 +197,19 @@ def _search_by_action(request: Request, like: Job) -> Optima | None:
     request = replace(request.from_scratch(), doubtful=with_sizes)
     hypotheses, optima = [], None
     for job in jobs:
-        if not _in_time(request):
+        if not in_time(request):
             return None
         so_far = replace(request, job=job.as_found(like))
         optima = _search_once(so_far, Incumbents(hypotheses))
         if optima.best is None:
             return None
-        if searches_rougher and fits_badly(so_far, optima.best) and _in_time(request):
+        if searches_rougher and fits_badly(so_far, optima.best) and in_time(request):
             rough = so_far.less_sure_of_pushes()
             other = _search_once(rough, Incumbents(hypotheses))
             searches_rougher = other.rank < optima.rank
             optima = other if searches_rougher else optima
         hypotheses, like = optima.for_next_action(request.widths[0]), optima.best.job
     return optima
-
-
-def _in_time(request: Request) -> bool:
-    """Tell whether there is time for another search."""
-    return request.job_until(SEARCH_END).deadline.left > 0
 
 
 def _differs(optimum: Solved, solved) -> bool:
@@ -215,22 +219,6 @@ def _differs(optimum: Solved, solved) -> bool:
     """
     alike = (same_body(optimum.job.shape, optimum.at, s.at) for s in solved)
     return optimum.rank < min(s.rank for s in solved) or not any(alike)
-
-
-def _search_that_may_gain(request: Request, best: Solved) -> Request | None:
-    """Return the request of a search from scratch that may find a better optimum.
-
-    Where an update costs more than it should, and on a ground that was found to lean:
-    the first search took it for level.
-    """
-    ground, assumed = best.job.scene.ground, request.job.scene.ground
-    searched = request.job.search.hypothesis is None
-    if ground is not assumed and assumed.told is None and searched:
-        log.info("searching again on the ground that leans")
-        return replace(request.from_scratch(), job=request.job.as_found(best.job))
-    if update_costs_too_much(request, best):
-        return request.from_scratch()
-    return None
 
 
 def _solve_page(

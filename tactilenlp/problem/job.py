@@ -34,12 +34,14 @@ from .window import Window
 class SearchSettings:
     """How a job is searched.
 
-    guess: a user's, of one sample, of the body at the first touch; process_noise:
-    factor of its deviations; may_be_carried: whether the body may be, by hand, between
-    two actions; hypothesis: one of all samples that is solved instead of a search.
+    guess: a user's, of one sample, of the body at the first touch; drawn: factor of the
+    number of bodies drawn there; process_noise: of its deviations; may_be_carried:
+    whether the body may be, by hand, between two actions; hypothesis: one of all
+    samples that is solved instead of a search.
     """
 
     guess: Hypothesis | None = None
+    drawn: int = 1
     process_noise: float = 1.0
     may_be_carried: bool = True
     hypothesis: Hypothesis | None = None

@@ -25,6 +25,7 @@ from ..local.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
     NEGLIGIBLE,
+    PHYSICS_LEAST,
     PHYSICS_SHARE,
     UNCHANGED,
 )
@@ -154,7 +155,7 @@ def fits_badly(request, best: Solved) -> bool:
     # Of soft fingertips physics has no row.
     rows = {} if fit is None else fit.terms
     physics = rows[PHYSICS_ROW].actual if PHYSICS_ROW in rows else 0.0
-    limit = DECISIVE + PHYSICS_SHARE * job.data.actions
+    limit = PHYSICS_LEAST + PHYSICS_SHARE * job.data.actions
     if precise(job.data, job.precision) and physics > limit:
         return True
     if job.shape.of_vertices or BETWEEN_ACTIONS not in problem.costs:

@@ -27,6 +27,7 @@ from ..problem.hypothesis import UNSEARCHED, Hypothesis
 from ..problem.job import Job
 from ..tracking.carried import carried_away, with_carried
 from ..tracking.initial_states import (
+    DRAWN,
     body_height,
     from_guess,
     initial_states,
@@ -281,7 +282,8 @@ def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
         if (guess := job.search.guess) is not None:
             (name,), (z, P) = guess.path, from_guess(guess.end, ekf.geometry, rng)
         else:
-            z, P = initial_states(ekf.data, job.shape, rng, sigma)
+            drawn = DRAWN * job.search.drawn
+            z, P = initial_states(ekf.data, job.shape, rng, sigma, drawn)
         none = np.zeros(z.shape[1], int)
         return new_tracks(z, P, fingers, rng), _Past((), (), none, name)
     done = kept[0].x.shape[1]

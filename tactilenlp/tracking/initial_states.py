@@ -20,7 +20,9 @@ from ..geometry.transforms import rotate_planar
 from .geometry import geometry_of
 
 DRAWN = 1000  # boxes that explain the first touch; 300 miss some
-LARGE_DRAWN = 300  # large boxes
+DOUBTFUL_DRAWN = 4  # [DRAWN] where the trajectory is doubtful: one in 119 ends 14 nats
+#                     lower
+LARGE_SHARE = 0.3  # [-] of these: large boxes besides
 LARGE = np.array([4 / 3, 40 / 9])  # [mean of the prior] sides of these: 60 to 200 mm
 YAW = 0.15  # [rad] deviation of a face from the normal felt
 # [-] share of draws that are touched on a face, not on an edge: with 0.7, and edges
@@ -43,17 +45,17 @@ SAME_HEIGHT = 2e-3  # [m] of a top and of a finger that touches it
 SIGMA = 6e-3, 3e-3, 0.15  # [m, m, rad] of sizes, place, yaw of a draw
 
 
-def initial_states(data, shape, rng, sigma: float):
+def initial_states(data, shape, rng, sigma: float, drawn: int = DRAWN):
     """Return states z (n + 3, S) and covariances (n + 3, n + 3, S) at the first touch.
 
-    sigma [rad]: noise of the normals.
+    sigma [rad]: noise of the normals; drawn: how many, without large boxes.
     """
     if shape.faced:
-        return box_states(data, shape, rng, sigma)
-    return surface_states(data, shape, rng)
+        return box_states(data, shape, rng, sigma, drawn)
+    return surface_states(data, shape, rng, drawn)
 
 
-def box_states(data, shape, rng, sigma: float):
+def box_states(data, shape, rng, sigma: float, drawn: int = DRAWN):
     """Return the states and covariances of boxes.
 
     Large boxes are added to those about the prior's mean, since the prior of sizes has
@@ -61,11 +63,12 @@ def box_states(data, shape, rng, sigma: float):
     """
     mean, contact = shape.typical_size, first_contact(data)
     shortest, longest = SMALLEST * mean, LARGEST * mean
-    drawn = rng.normal(mean, SHARE * shape.typical_deviation, (2, DRAWN))
-    usual = np.clip(drawn, shortest, longest)
+    usual = rng.normal(mean, SHARE * shape.typical_deviation, (2, drawn))
+    usual = np.clip(usual, shortest, longest)
     poses = places_of(*usual, contact, rng)
     scale = max(1.0, 2 * felt_extent(data) / (mean * LARGE[1]))
-    large = np.exp(rng.uniform(*np.log(scale * mean * LARGE), (2, LARGE_DRAWN)))
+    number = round(LARGE_SHARE * drawn)
+    large = np.exp(rng.uniform(*np.log(scale * mean * LARGE), (2, number)))
     poses = np.hstack([poses, places_of(*large, contact, rng)])
     sides = np.hstack([usual, large])
     height = np.full(sides.shape[1], body_height(data, shape, mean, sigma))
@@ -152,12 +155,12 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     return max(otherwise, np.quantile(side, MOST_TOUCHES) + BELOW_TOP)
 
 
-def surface_states(data, shape, rng):
-    """Return the states and covariances of DRAWN bodies of any shape."""
+def surface_states(data, shape, rng, drawn: int = DRAWN):
+    """Return the states and covariances of bodies of any shape."""
     geometry = geometry_of(shape)
     (t, f), (_, n) = first_onset(data), first_contact(data)
     centre, radius = data.finger_position[t, f], data.finger_radius[f]
-    theta = _drawn(shape, rng, TRIED * DRAWN)
+    theta = _drawn(shape, rng, TRIED * drawn)
     around, top = rng.uniform(0, 2 * np.pi, theta.shape[1]), np.hypot(*n[:2]) < TOP_TILT
     if top and not shape.rolls:
         theta = _as_high(geometry, theta, centre[2] - radius)
@@ -175,9 +178,9 @@ def surface_states(data, shape, rng):
         z[-1] = 0.0
     likely = np.exp(-(((normal[2] - n[2]) / SLOPE) ** 2) / 2)
     weight = np.where(met, likely, 0.0) + np.finfo(float).tiny
-    rows = rng.choice(len(weight), DRAWN, p=weight / weight.sum())
+    rows = rng.choice(len(weight), drawn, p=weight / weight.sum())
     P = np.diag(geometry.each(*SIGMA) ** 2)
-    return z[:, rows], np.repeat(P[..., None], DRAWN, axis=2)
+    return z[:, rows], np.repeat(P[..., None], drawn, axis=2)
 
 
 def _drawn(shape, rng, count: int) -> np.ndarray:
