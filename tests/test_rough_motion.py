@@ -16,7 +16,7 @@ from tactilenlp.estimation import optima
 from tactilenlp.estimation.second_searches import from_more_draws
 from tactilenlp.information.goodness_of_fit import PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
-from tactilenlp.local.margins import DECISIVE, PHYSICS_LEAST, PHYSICS_SHARE
+from tactilenlp.local.margins import DECISIVE, DOUBTFUL, PHYSICS_SHARE
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
@@ -102,7 +102,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
         pack=lambda _: None, data=lambda _: None,
     )  # fmt: skip
 
-    def searched(request, success=True, soft=False, **job):
+    def searched(request, success=True, soft=False, least=DECISIVE, **job):
         job = replace(request.job, **job)
         solution = SimpleNamespace(success=success, at=lambda problem: (None, None))
         # The fit judges no physics of soft fingertips.
@@ -112,7 +112,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
             window=SimpleNamespace(gap=[1, 2]),
             fit=SimpleNamespace(verdict=verdict, terms=physics),
         )  # fmt: skip
-        return refinement.fits_badly(request, best)
+        return refinement.fits_badly(request, best, least)
 
     assert searched(asked)
     assert not searched(asked, success=False)
@@ -126,9 +126,10 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
-    moved, balance = 0.0, 0.99 * (PHYSICS_LEAST + PHYSICS_SHARE)  # of one action
+    moved, balance = 0.0, 0.99 * (DECISIVE + PHYSICS_SHARE)  # of one action
     assert not searched(asked)
-    balance = 1.01 * (PHYSICS_LEAST + PHYSICS_SHARE)
+    assert searched(asked, least=DOUBTFUL)
+    balance = 1.01 * (DECISIVE + PHYSICS_SHARE)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
     assert not searched(asked, precision=Precision(1e-3, 0.1))
@@ -150,7 +151,7 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     same = solve_estimate(data, scene)
     assert not seen
     assert same.objective == once.objective
-    monkeypatch.setattr(optima, "fits_badly", lambda request, best: True)
+    monkeypatch.setattr(optima, "fits_badly", lambda *_: True)
     twice = solve_estimate(data, scene)
     assert len(seen) == 1  # it found no more after the first action
     assert seen[0].job.data.actions == 1

@@ -35,7 +35,7 @@ import numpy as np
 from ..interface.request import Request
 from ..interface.result import Estimate
 from ..local.comparison import distinct, same_body
-from ..local.margins import LEAST_MOTION_BEHIND
+from ..local.margins import DECISIVE, DOUBTFUL, LEAST_MOTION_BEHIND
 from ..local.solved import Solved, comparable
 from ..problem.hypothesis import Hypothesis
 from ..problem.job import Job
@@ -129,9 +129,10 @@ def optima_of(
         return solve_other_motions(solved.job, flat, request.executor)
 
     optima = certify_best(request, optima, certify)
-    for search in (_search_from_more_draws, _search_by_action):
+    searches = (_search_from_more_draws, DOUBTFUL), (_search_by_action, DECISIVE)
+    for search, physics_least in searches:
         searched = request.job.search.hypothesis is None
-        if not (searched and fits_badly(request, optima.best)):
+        if not (searched and fits_badly(request, optima.best, physics_least)):
             break
         other = search(request, optima.best.job)
         if other is not None and _differs(other.best, optima.solved):

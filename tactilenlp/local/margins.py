@@ -14,10 +14,10 @@ FAILED_BEHIND = 100.0  # after first levels that stopped early
 # What an objective says of a solve:
 UNCHANGED = 0.5  # more data that add less leave the optimum as it was
 RESTORED = 1.0  # what a reduction dropped may add when it is restored
-# What physics may cost, and more for each action, on the right poses: of 119 clean
-# boxes of 1 to 6 actions 1.8 nats at most, of six of 20 actions 5.2; on the poses of
-# the four that were lost by physics 2.2 to 9.7.
-PHYSICS_LEAST, PHYSICS_SHARE = 1.5, 0.2
+# What physics may cost each action, besides DOUBTFUL or DECISIVE: on the right poses
+# of 119 clean boxes of 1 to 6 actions it costs 1.8 nats at most, of six of 20 actions
+# 5.2; on the poses of the four that were lost 2.2 to 9.7.
+PHYSICS_SHARE = 0.2
 UPDATE_SHARE = 2.0  # [cost of an action so far] that an update may add per action
 
 # Between solves to the end:
@@ -27,6 +27,7 @@ NEGLIGIBLE = 40.0  # behind the best optimum: of no weight beside it
 # optima are not decided by a solve of a simpler model; a motion between two actions
 # that costs more, and a deviation that costs more, need another explanation.
 DECISIVE = 3.0
+DOUBTFUL = DECISIVE / 2  # what it takes to look again, where that is cheap
 
 # Profile likelihood:
 PROFILE_RISE = DECISIVE  # at which one ends; half of it for a pose: a rougher solve

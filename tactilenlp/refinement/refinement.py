@@ -25,7 +25,6 @@ from ..local.margins import (
     DECISIVE,
     LEAST_MOTION_BEHIND,
     NEGLIGIBLE,
-    PHYSICS_LEAST,
     PHYSICS_SHARE,
     UNCHANGED,
 )
@@ -133,12 +132,13 @@ def update_costs_too_much(request, best: Solved) -> bool:
     return job.deadline.left > 0 and best.solution.objective > most
 
 
-def fits_badly(request, best: Solved) -> bool:
+def fits_badly(request, best: Solved, physics_least: float = DECISIVE) -> bool:
     """Tell whether a body on the ground may have moved otherwise than it was found.
 
     Its touches cost more than expected: the fit is not good; or, of a class with sizes,
     it moved between two actions, but neither slid on nor was pushed on; or precise
-    touches agree with poses that physics does not, by more than each action leaves.
+    touches agree with poses that physics does not, by more than physics_least [nats]
+    and what each action leaves.
     A second search may find a lower optimum: action by action, with more process noise,
     or without a body that is carried.  Of a class with sizes that is no box, the class
     may be wrong.
@@ -155,7 +155,7 @@ def fits_badly(request, best: Solved) -> bool:
     # Of soft fingertips physics has no row.
     rows = {} if fit is None else fit.terms
     physics = rows[PHYSICS_ROW].actual if PHYSICS_ROW in rows else 0.0
-    limit = PHYSICS_LEAST + PHYSICS_SHARE * job.data.actions
+    limit = physics_least + PHYSICS_SHARE * job.data.actions
     if precise(job.data, job.precision) and physics > limit:
         return True
     if job.shape.of_vertices or BETWEEN_ACTIONS not in problem.costs:
