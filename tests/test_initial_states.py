@@ -47,6 +47,18 @@ def test_bounds_may_differ_by_size(recorded):
     assert len(heights) == 1
 
 
+def test_a_touch_of_the_top_as_an_action_ends_tells_the_height(recorded):
+    data = recorded[0].select([0])
+    contact, normal = np.zeros_like(data.contact), np.zeros_like(data.normal)
+    contact[-1, 0], normal[-1, 0] = True, (0.0, 0.0, 1.0)
+    top = data.finger_position[-1, 0, 2] - data.finger_radius[0]
+    end = replace(data, contact=contact, normal=normal)
+    assert body_height(end, CUBOID, 0.045, 0.01) == pytest.approx(top)
+    shifted = [np.roll(a, -3, axis=0) for a in (contact, normal)]
+    flipped = replace(data, contact=shifted[0], normal=shifted[1])
+    assert body_height(flipped, CUBOID, 0.045, 0.01) == 0.045  # before it ends
+
+
 def test_a_guess_is_the_first_of_its_draws():
     guess = np.r_[0.06, 0.04, 0.005, 0.1, 0.2, 0.3]
     z, _ = from_guess(guess, geometry_of(CUBOID), np.random.default_rng(0))

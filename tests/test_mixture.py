@@ -1,12 +1,21 @@
 """Local optima are weighed by their evidence, and what they leave open is said."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
+from formulations.names import NORMAL_SCALE, TOUCH_SCALE
 from formulations.shape import CUBOID
-from tactilenlp.information.mixture import LocalOptimum, distinct_modes, laplace_mixture
+from tactilenlp.information.mixture import (
+    ANYWHERE,
+    LocalOptimum,
+    density_of_wrong_touches,
+    distinct_modes,
+    laplace_mixture,
+)
 from tactilenlp.output.summary import optima_in_words
 
 
@@ -66,3 +75,21 @@ def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     reported, other = optima_in_words(information)
     assert reported == "What is reported has a probability of 73 %."
     assert other.startswith("With 27 %, side y is 10.0 mm larger")
+
+
+def test_a_wrong_touch_is_as_unlikely_as_its_density_says():
+    """Of three touches two are wrong: anywhere within ANYWHERE, with any normal."""
+    costs, sigma, sigma_n = np.array([[0.1], [7.0], [6.9]]), 1e-3, 0.1
+    values = {TOUCH_SCALE: sigma, NORMAL_SCALE: sigma_n}
+    problem = SimpleNamespace(
+        parameters={name: SimpleNamespace(value=v) for name, v in values.items()},
+        value=lambda *_: costs,
+    )
+    solution = SimpleNamespace(at=lambda _: (None, None))
+    window = SimpleNamespace(outlier_cost=7.0)
+    right = norm(0, sigma).pdf(0) * norm(0, sigma_n).pdf(0) ** 2
+    wrong = 1 / ANYWHERE / (4 * np.pi)
+    found = density_of_wrong_touches(problem, solution, window)
+    assert found == pytest.approx(2 * np.log(right / wrong))
+    problem.parameters = {}  # a page of another likelihood
+    assert density_of_wrong_touches(problem, solution, window) == 0.0

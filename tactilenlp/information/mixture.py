@@ -32,6 +32,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaln, softmax
 
+from formulations.names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..common.brief import printed
@@ -46,15 +47,32 @@ from .error_budget_terms import (
 from .tangent_space import rotations, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
+ANYWHERE = 0.1  # [m] within which a wrong touch may be: the way of a finger
 NEGLIGIBLE_WEIGHT = 2.7e-3  # [-] beyond three deviations: less does not count
+
+
+def density_of_wrong_touches(problem, solution, window) -> float:
+    """Return how much less probable [nats] wrong touches are than the objective says.
+
+    Their cost is bounded by the odds of a wrong sample (formulations/sensing.py).  To
+    compare optima its density counts as well: any gap within ANYWHERE, any normal.
+    """
+    scales = [problem.parameters.get(name) for name in (TOUCH_SCALE, NORMAL_SCALE)]
+    if None in scales:
+        return 0.0
+    cost = problem.value(TOUCH_TERM, *solution.at(problem))
+    wrong = (cost > window.outlier_cost - np.log(2)).sum()
+    sigma, sigma_n = (float(np.ravel(scale.value)[0]) for scale in scales)
+    right = np.sqrt(2 * np.pi) * sigma / ANYWHERE * sigma_n**2 / 2
+    return float(-wrong * np.log(right))
 
 
 class LocalOptimum(NamedTuple):
     """Laplace's approximation to the posterior of shape and final pose at one optimum.
 
     z (k,): theta, then position and turn; R (3, 3): the final rotation of the body, in
-    the frame of the turn; objective [nats]; covariance (k, k): by the Hessian, SI;
-    solution and window: of the solve that ended there.
+    the frame of the turn; objective [nats], of wrong touches with their density;
+    covariance (k, k): by the Hessian, SI; solution, window: of the solve there.
     """
 
     z: np.ndarray

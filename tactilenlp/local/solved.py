@@ -15,7 +15,11 @@ from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
 from ..information.linearisation import Linearisation
-from ..information.mixture import LocalOptimum, occam_of_hull
+from ..information.mixture import (
+    LocalOptimum,
+    density_of_wrong_touches,
+    occam_of_hull,
+)
 from ..information.tangent_space import (
     TangentSpace,
     tangent_space_of,
@@ -211,7 +215,8 @@ class Solved:
         z, R = self.tangent.z, self.tangent.R
         C, J = self.kkt.marginal(self.tangent.chosen), self.tangent.jacobian
         C, solution = J @ ((C + C.T) / 2) @ J.T, self.solution
-        return LocalOptimum(z, R, solution.objective, C, solution, self.window)
+        wrong = density_of_wrong_touches(self.problem, solution, self.window)
+        return LocalOptimum(z, R, solution.objective + wrong, C, solution, self.window)
 
 
 def best_first(solved) -> list[Solved]:

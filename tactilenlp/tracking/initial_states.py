@@ -15,7 +15,12 @@ from itertools import combinations
 
 import numpy as np
 
-from ..data.contact_segments import first_contact, first_onset, lasting_contacts
+from ..data.contact_segments import (
+    ends_of_actions,
+    first_contact,
+    first_onset,
+    lasting_contacts,
+)
 from ..geometry.transforms import rotate_planar
 from .geometry import geometry_of
 
@@ -140,12 +145,16 @@ def places_of(a, b, contact, rng) -> np.ndarray:
 def body_height(data, shape, otherwise: float, sigma: float) -> float:
     """Return the height [m]: of the rim if it was touched, else above all touches.
 
-    sigma [rad]: noise of the normals, which alone may look like a rim.
+    sigma [rad]: noise of the normals, which alone may look like a rim.  A touch of the
+    top alone, in the last sample of an action, is no flipped boolean.
     """
     felt = lasting_contacts(data)
     n_z = data.normal[..., 2]
     z = data.finger_position[..., 2] - data.finger_radius * n_z
     rim = z[felt & (n_z > max(RIM_NORMAL, RIM_SIGMAS * sigma))]
+    if not rim.size:
+        ends = ends_of_actions(data)
+        rim = z[ends][data.contact[ends] & (n_z[ends] > np.sqrt(1 - TOP_TILT**2))]
     if rim.size and np.median(np.abs(rim - np.median(rim))) < OPEN_GAP:  # else it tilts
         low, high = (np.broadcast_to(b, shape.theta)[2] for b in shape.bounds)
         return float(np.clip(np.median(rim), low, high))
