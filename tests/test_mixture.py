@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from formulations.names import NORMAL_SCALE, TOUCH_SCALE
+from formulations.names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 from formulations.shape import CUBOID
 from tactilenlp.information.mixture import (
     ANYWHERE,
@@ -83,13 +83,14 @@ def test_a_wrong_touch_is_as_unlikely_as_its_density_says():
     values = {TOUCH_SCALE: sigma, NORMAL_SCALE: sigma_n}
     problem = SimpleNamespace(
         parameters={name: SimpleNamespace(value=v) for name, v in values.items()},
-        value=lambda *_: costs,
-    )
+        costs={TOUCH_TERM: None}, value=lambda *_: costs,
+    )  # fmt: skip
     solution = SimpleNamespace(at=lambda _: (None, None))
     window = SimpleNamespace(outlier_cost=7.0)
     right = norm(0, sigma).pdf(0) * norm(0, sigma_n).pdf(0) ** 2
     wrong = 1 / ANYWHERE / (4 * np.pi)
     found = density_of_wrong_touches(problem, solution, window)
     assert found == pytest.approx(2 * np.log(right / wrong))
-    problem.parameters = {}  # a page of another likelihood
-    assert density_of_wrong_touches(problem, solution, window) == 0.0
+    for lacks in ({"parameters": {}}, {"costs": {}}):  # a page of another likelihood
+        other = SimpleNamespace(**vars(problem) | lacks)
+        assert density_of_wrong_touches(other, solution, window) == 0.0

@@ -58,7 +58,7 @@ def density_of_wrong_touches(problem, solution, window) -> float:
     compare optima its density counts as well: any gap within ANYWHERE, any normal.
     """
     scales = [problem.parameters.get(name) for name in (TOUCH_SCALE, NORMAL_SCALE)]
-    if None in scales:
+    if None in scales or TOUCH_TERM not in problem.costs:
         return 0.0
     cost = problem.value(TOUCH_TERM, *solution.at(problem))
     wrong = (cost > window.outlier_cost - np.log(2)).sum()
