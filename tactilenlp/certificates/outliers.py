@@ -1,7 +1,7 @@
-"""Define which touches an estimate does not explain, and what they contradict.
+"""Tell what the touches that an estimate does not explain contradict.
 
-A touched sample is unexplained if its cost exceeds UNEXPLAINED outlier costs: this is
-the one definition.  How many of them contradict an assumption depends on what that is:
+How many unexplained ones (`unexplained` in problem/fingertips.py) contradict an
+assumption depends on what that is:
 
 a touch     MIN_OF_TOUCH samples of a finger in an action (a wrong boolean is fewer)
 sliding     MIN_OF_ACTION samples and the share SHARE_OF_ACTION of one action
@@ -20,7 +20,6 @@ from formulations.names import (
     INDENTATION,
     NORMAL_SCALE,
     TOUCH_SCALE,
-    TOUCH_TERM,
 )
 from formulations.violation_implicit import TOUCH
 
@@ -28,13 +27,12 @@ from ..data.contact_segments import SIDE_NORMAL
 from ..errors import MotionError
 from ..information.measurement_noise import aligned_normals
 from ..local.solved import Solved
-from ..problem.fingertips import moved
+from ..problem.fingertips import moved, unexplained
 from ..problem.job import Job
 from ..problem.pages import page_of
 from ..problem.window import Window
 
 NORMAL_ERROR = 0.015  # [rad] of a touch model
-UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
 MIN_OF_TOUCH = 3  # samples
 MIN_OF_ACTION, SHARE_OF_ACTION = 2, 0.2  # samples, [-]
 MIN_OF_PLANAR, PLANAR_LIMIT, PLANAR_TOTAL = 4, 0.6, 0.25  # samples, [-], [-]
@@ -99,12 +97,6 @@ def unexplained_by_action(job: Job, solved: Solved) -> list[Evidence]:
         )
         for a in np.unique(action)
     ]  # fmt: skip
-
-
-def unexplained(problem, window, x, data) -> np.ndarray:
-    """Tell which touched samples (touches,) unknowns x do not explain."""
-    cost = problem.value(TOUCH_TERM, x, data)[:, 0]
-    return cost > UNEXPLAINED * window.outlier_cost
 
 
 def planar_share(evidence) -> float:

@@ -37,6 +37,7 @@ from formulations.rigid_body import ARM
 
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
+from ..problem.fingertips import unexplained
 from .error_budget import PRIORS
 from .error_budget_terms import (
     ANY_ROTATION,
@@ -60,8 +61,7 @@ def density_of_wrong_touches(problem, solution, window) -> float:
     scales = [problem.parameters.get(name) for name in (TOUCH_SCALE, NORMAL_SCALE)]
     if None in scales or TOUCH_TERM not in problem.costs:
         return 0.0
-    cost = problem.value(TOUCH_TERM, *solution.at(problem))
-    wrong = (cost > window.outlier_cost - np.log(2)).sum()
+    wrong = unexplained(problem, window, *solution.at(problem)).sum()
     sigma, sigma_n = (float(np.ravel(scale.value)[0]) for scale in scales)
     right = np.sqrt(2 * np.pi) * sigma / ANYWHERE * sigma_n**2 / 2
     return float(-wrong * np.log(right))

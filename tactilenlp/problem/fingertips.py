@@ -1,4 +1,4 @@
-"""Describe fingertips: their geometry, their poses, and equivalent spheres."""
+"""Describe fingertips: geometry, poses, equivalent spheres, what wrong samples cost."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from formulations.finger import SPHERE, Finger, capsule
+from formulations.names import TOUCH_TERM
 
 from ..geometry.transforms import rotation_of
 
 END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
 OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong, unless a scene tells
+UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
 LEAST_FLIP_RATE = 1e-6  # [-] of a sensor that is said never to be wrong
 
 
@@ -60,3 +62,12 @@ def outlier_cost(scene) -> float:
     if scene.flip_rate is None:
         return OUTLIER_COST
     return -float(np.log(max(scene.flip_rate, LEAST_FLIP_RATE)))
+
+
+def unexplained(problem, window, x, data) -> np.ndarray:
+    """Tell which touched samples (touches,) unknowns x do not explain.
+
+    By the cost of each on the page, in units of its bound: this is the one definition.
+    """
+    cost = problem.value(TOUCH_TERM, x, data)[:, 0]
+    return cost > UNEXPLAINED * window.outlier_cost

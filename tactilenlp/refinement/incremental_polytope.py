@@ -17,7 +17,7 @@ from formulations import polytope_extension as extension
 from formulations.names import BALL, GROUND, TOUCH_TERM
 from formulations.rigid_body import ARM
 
-from ..certificates.outliers import MIN_OF_TOUCH, unexplained
+from ..certificates.outliers import MIN_OF_TOUCH
 from ..geometry.convex_hull import centroid
 from ..geometry.transforms import planar_matrix
 from ..information.goodness_of_fit import LOST
@@ -32,6 +32,7 @@ from ..local.solved import (
     search_settings,
 )
 from ..local.transfer import matching_contacts
+from ..problem.fingertips import unexplained
 from ..problem.job import Job
 from ..problem.polytope_window import PolytopeWindow
 from ..problem.reductions import Reductions
