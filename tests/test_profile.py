@@ -42,7 +42,6 @@ def deviation(price, touched=(0, 9), seeks=True, cost=None, claimed=SHARP):
     by the Hessian.
     """
     sharp = np.r_[1, 0, 0, 1 / 2, 0, 0] * claimed
-
     felt = None if touched is None else np.array(touched)
 
     def solve_held(step, start, direction, touched):
@@ -250,10 +249,13 @@ def test_no_offset_is_evaluated_whose_sigma_would_be_vague(slope):
     assert dear in ([], asked[-1:])  # once it is dear enough, no more
 
 
-def test_what_lies_before_a_wall_is_looked_for():
+def test_what_lies_before_a_wall_is_looked_for_in_a_few_steps():
     end = 10e-3  # where a finger passed, say; before it hardly a rise
     found, _ = deviation(lambda d: 0.2 if d < end else 100.0)
     assert end / 2 < found < end
+    end, asked = 8.3e-3, []  # just before the step that met it: neared without end
+    deviation(lambda d: asked.append(d) or (0.3 if d < 2e-3 else 1 + 99 * (d > end)))
+    assert len(asked) <= 6
 
 
 def test_without_a_solution_of_the_profile_sigma_is_that_of_the_hessian():
@@ -274,10 +276,8 @@ def test_a_better_optimum_is_returned():
 
 
 def test_a_body_without_sides_has_no_profile():
-    job = SimpleNamespace(
-        shape=replace(CUBOID, of_vertices=True),
-        reductions=SimpleNamespace(planar=True),
-    )
+    planar = SimpleNamespace(planar=True)
+    job = SimpleNamespace(shape=replace(CUBOID, of_vertices=True), reductions=planar)
     found, better = profile_deviations(SimpleNamespace(at=AT, job=job))
     assert better is None
     assert not found.any()

@@ -186,8 +186,9 @@ def noise_at_edges(data: Measurements, precision: Precision) -> float:
     At an edge the body's normal points to the centre of the finger.  Precise positions
     turn it by nothing.
     """
-    smoothed = not precise(data, precision)
-    noise = smoothed * precision.position * variance_left(data, precision) ** 0.5
+    if precise(data, precision):
+        return 0.0
+    noise = precision.position * variance_left(data, precision) ** 0.5
     return noise / float(data.finger_radius.min())
 
 

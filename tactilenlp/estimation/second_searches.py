@@ -11,6 +11,7 @@ import logging
 from dataclasses import replace
 
 from ..interface.request import Request
+from ..interface.session import Guess
 from ..local.solved import Solved
 from ..problem.job import Job
 from ..refinement.nested_models import lost_by_compliance
@@ -53,9 +54,11 @@ def from_more_draws(request: Request, like: Job) -> Request | None:
     """Return the request of a search of all actions that draws more first bodies.
 
     like: the job of a solve, as which it begins (`Job.as_found`).  None of a polytope,
-    whose search draws none, or without time.
+    whose search draws none, from a user's guess, about which as many are drawn, or
+    without time.
     """
-    if request.job.shape.of_vertices or not in_time(request):
+    guessed = isinstance(request.start, Guess)
+    if request.job.shape.of_vertices or guessed or not in_time(request):
         return None
     log.info("the trajectory is doubtful: searching from more draws")
     job = request.job.as_found(like).with_search(drawn=DOUBTFUL_DRAWN)

@@ -121,7 +121,7 @@ class Profile:
             if rise < -BETTER_OPTIMUM and self.seeks:
                 return None, solved
             deviation, last = self.deviation_at(point), points[-1].step
-            if last > WALL * deviation and step > BESIDE * last:
+            if last > WALL * deviation:
                 wall = [point]
             else:
                 points.append(point)
@@ -133,6 +133,8 @@ class Profile:
                 growth = max(least_growth, target_rise / max(rise, ONE_SIGMA))
                 last, step = step, min(step * min(MAX_STEP_GROWTH, growth), farthest)
                 least_growth = PLATEAU_GROWTH if rise > ONE_SIGMA else 1.0
+            if wall and wall[0].step <= BESIDE * last:
+                break
             step = min([step, *(np.sqrt(last * p.step) for p in wall)])
         if self.cost is not None:  # a large deviation by the Hessian, or none
             least = least_sigma if vague <= least_sigma < ENDED * prior else 0.0

@@ -87,8 +87,7 @@ def felt_extent(data) -> float:
 
     Width: between two fingers that feel it at once.  Single touches may be wrong.
     """
-    felt = lasting_contacts(data)
-    point = data.finger_position - data.finger_radius[:, None] * data.normal
+    felt, point = lasting_contacts(data), _touched_points(data)
     extents = [point[felt][:, 2]]
     for f, g in combinations(range(data.fingers), 2):
         both = felt[:, f] & felt[:, g]
@@ -96,6 +95,11 @@ def felt_extent(data) -> float:
         extents.append(np.linalg.norm(across[:, :2], axis=1))
     most = (float(np.quantile(v, MOST_TOUCHES)) for v in extents if v.size)
     return max(most, default=0.0)
+
+
+def _touched_points(data) -> np.ndarray:
+    """Return where fingers touch (T, F, 3) [m]; their centres where they do not."""
+    return data.finger_position - data.finger_radius[:, None] * data.normal
 
 
 def from_guess(guess, geometry, rng):
@@ -149,8 +153,7 @@ def body_height(data, shape, otherwise: float, sigma: float) -> float:
     top alone, in the last sample of an action, is no flipped boolean.
     """
     felt = lasting_contacts(data)
-    n_z = data.normal[..., 2]
-    z = data.finger_position[..., 2] - data.finger_radius * n_z
+    n_z, z = data.normal[..., 2], _touched_points(data)[..., 2]
     rim = z[felt & (n_z > max(RIM_NORMAL, RIM_SIGMAS * sigma))]
     if not rim.size:
         ends = ends_of_actions(data)
