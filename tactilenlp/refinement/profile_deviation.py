@@ -121,7 +121,7 @@ class Profile:
             if rise < -BETTER_OPTIMUM and self.seeks:
                 return None, solved
             deviation, last = self.deviation_at(point), points[-1].step
-            if last > WALL * deviation:
+            if last > WALL * deviation and step > BESIDE * last:
                 wall = [point]
             else:
                 points.append(point)
