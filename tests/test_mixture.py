@@ -3,20 +3,22 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.stats import norm
 
+from formulations import sensing
 from formulations.names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 from formulations.shape import CUBOID
+from tactilenlp import Options, solve_estimate
 from tactilenlp.information.mixture import (
-    ANYWHERE,
     LocalOptimum,
-    density_of_wrong_touches,
     distinct_modes,
     laplace_mixture,
 )
 from tactilenlp.output.summary import optima_in_words
+from tactilenlp.problem.fingertips import ANYWHERE, density_of_wrong_touches
 
 
 def mode(sizes, yaw, objective=0.0, deviation=1e-4):
@@ -77,20 +79,41 @@ def test_another_body_that_explains_the_data_is_spoken_of(estimate):
     assert other.startswith("With 27 %, side y is 10.0 mm larger")
 
 
+def test_optima_are_compared_with_the_same_cost_of_wrong_touches(recorded):
+    """The one that is reported has the density of its wrong touches, as all others."""
+    data, scene, _ = recorded
+    data, far = data.select([1]), [8, 9]  # a single sample would not be used
+    contact, normal = data.contact.copy(), data.normal.copy()
+    contact[far, 0], normal[far, 0] = True, [0.0, 0.6, 0.8]
+    options = Options(check_mistakes=False)
+    wrong = replace(data, contact=contact, normal=normal)
+    estimate = solve_estimate(wrong, scene, options=options)
+    density = estimate.information.modes.objectives[0] - estimate.objective
+    assert estimate.costs[TOUCH_TERM] > 14.0
+    assert density > 10.0
+
+
 def test_a_wrong_touch_is_as_unlikely_as_its_density_says():
-    """Of three touches two are wrong: anywhere within ANYWHERE, with any normal."""
-    costs, sigma, sigma_n = np.array([[0.1], [7.0], [6.9]]), 1e-3, 0.1
+    """A page bounds what touches cost; the densities of right and wrong ones do not."""
+    sigma, sigma_n, bound = 1e-3, 0.1, 7.0
+    alone = np.array([[0.1], [5.5], [9.0], [14.0], [500.0]])  # without a bound
+    costs = np.array(sensing.mixture(ca.DM(alone), bound))
     values = {TOUCH_SCALE: sigma, NORMAL_SCALE: sigma_n}
     problem = SimpleNamespace(
         parameters={name: SimpleNamespace(value=v) for name, v in values.items()},
         costs={TOUCH_TERM: None}, value=lambda *_: costs,
     )  # fmt: skip
     solution = SimpleNamespace(at=lambda _: (None, None))
-    window = SimpleNamespace(outlier_cost=7.0)
+    window = SimpleNamespace(outlier_cost=bound)
     right = norm(0, sigma).pdf(0) * norm(0, sigma_n).pdf(0) ** 2
-    wrong = 1 / ANYWHERE / (4 * np.pi)
+    wrong = np.exp(-bound) / ANYWHERE / (4 * np.pi)
+    density = right * np.exp(-alone) + wrong
+    expected = -np.log(density / (right + wrong)) - costs
     found = density_of_wrong_touches(problem, solution, window)
-    assert found == pytest.approx(2 * np.log(right / wrong))
+    assert found == pytest.approx(expected.sum(), rel=1e-9)
+    # One that a body explains as well as not costs what it did, a wrong one far more.
+    assert expected[0, 0] < 1e-3 < expected[1, 0] < 0.3
+    assert expected[-1, 0] == pytest.approx(np.log(right / wrong) - bound, abs=1e-3)
     for lacks in ({"parameters": {}}, {"costs": {}}):  # a page of another likelihood
         other = SimpleNamespace(**vars(problem) | lacks)
         assert density_of_wrong_touches(other, solution, window) == 0.0

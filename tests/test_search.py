@@ -21,7 +21,7 @@ from tactilenlp.search.least_motion import least_motion, unseen_optima
 from tactilenlp.search.multi_hypothesis import TrackingSearch
 from tactilenlp.tracking.geometry import geometry_of
 from tactilenlp.tracking.initial_states import body_height
-from tactilenlp.tracking.tracks import Tracks, diverse, split_tracks
+from tactilenlp.tracking.tracks import YAW_CELL, Tracks, diverse, split_tracks
 
 
 @pytest.mark.slow
@@ -82,11 +82,18 @@ def test_an_action_without_contact_changes_nothing_that_was_known(recorded, esti
 
 def test_tracks_of_every_yaw_are_kept_beside_the_best_ones():
     yaw = np.r_[np.zeros(900), np.full(60, 0.5), np.full(40, 1.0)]  # the best first
-    kept = diverse(yaw, 100)
+    cells = np.round(yaw / YAW_CELL)[None]
+    kept = diverse(100, cells)
     assert np.array_equal(kept[:50], np.arange(50))
     assert len(kept) == len(np.unique(kept)) == 100
     assert min((yaw[kept] == 0.5).sum(), (yaw[kept] == 1.0).sum()) >= 20
-    assert np.array_equal(diverse(yaw[:99], 100), np.arange(99))
+    assert np.array_equal(diverse(100, cells[:, :99]), np.arange(99))
+    place = np.r_[np.arange(990), np.zeros(10)][None]  # a cell each, but the last ones
+    kept = diverse(100, cells, place)
+    assert len(kept) == 100
+    assert np.array_equal(kept[:34], np.arange(34))
+    assert (yaw[kept] > 0).sum() == 33
+    assert kept[66] == 66
 
 
 def test_noisy_paths_without_a_touch_are_not_searched_from_scratch(estimate):

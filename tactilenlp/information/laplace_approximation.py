@@ -21,7 +21,6 @@ from .information import LEAST_DEVIATION, Information
 from .linearisation import Linearisation, Response, vertices_at_end
 from .mixture import (
     SAME_MODE,
-    LocalOptimum,
     bounded,
     distinct_modes,
     laplace_mixture,
@@ -74,9 +73,9 @@ def information_of(
 def _of_sizes(response: Response, solved: Solved, faces, others) -> tuple:
     """Return fields of the Information about sizes, and the errors (k, k) by name."""
     linearisation, tangent, C = response.linearisation, solved.tangent, response.hessian
-    solution, window, shape = solved.solution, solved.window, solved.window.shape
+    shape = solved.window.shape
     errors, at_bounds = errors_by_name(response), sizes_at_bounds(solved)
-    best = LocalOptimum(tangent.z, tangent.R, solution.objective, C, solution, window)
+    best = solved.optimum._replace(covariance=C)
     optima = distinct_modes(shape, [best, *others])
     modes = laplace_mixture(shape, optima, summed(errors))
     beyond = beyond_mixture(modes, linearisation, tangent, faces, solved.profile)

@@ -32,12 +32,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import gammaln, softmax
 
-from formulations.names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 from formulations.rigid_body import ARM
 
 from ..common.brief import printed
 from ..nlp.kkt import KKTSystem
-from ..problem.fingertips import unexplained
 from .error_budget import PRIORS
 from .error_budget_terms import (
     ANY_ROTATION,
@@ -48,23 +46,7 @@ from .error_budget_terms import (
 from .tangent_space import rotations, widest_deviations
 
 SAME_MODE = 0.3e-3  # [m] modes whose unknowns agree this well (a radian: ARM) are one
-ANYWHERE = 0.1  # [m] within which a wrong touch may be: the way of a finger
 NEGLIGIBLE_WEIGHT = 2.7e-3  # [-] beyond three deviations: less does not count
-
-
-def density_of_wrong_touches(problem, solution, window) -> float:
-    """Return how much less probable [nats] wrong touches are than the objective says.
-
-    Their cost is bounded by the odds of a wrong sample (formulations/sensing.py).  To
-    compare optima its density counts as well: any gap within ANYWHERE, any normal.
-    """
-    scales = [problem.parameters.get(name) for name in (TOUCH_SCALE, NORMAL_SCALE)]
-    if None in scales or TOUCH_TERM not in problem.costs:
-        return 0.0
-    wrong = unexplained(problem, window, *solution.at(problem)).sum()
-    sigma, sigma_n = (float(np.ravel(scale.value)[0]) for scale in scales)
-    right = np.sqrt(2 * np.pi) * sigma / ANYWHERE * sigma_n**2 / 2
-    return float(-wrong * np.log(right))
 
 
 class LocalOptimum(NamedTuple):

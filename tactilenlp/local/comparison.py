@@ -12,7 +12,7 @@ import numpy as np
 from ..information.mixture import relabellings
 from ..problem.hypothesis import Hypothesis
 from ..tracking.surface import supports, trajectory_outline
-from ..tracking.tracks import diverse
+from ..tracking.tracks import YAW_CELL, diverse
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
@@ -52,7 +52,8 @@ def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     rest = [h for h in rest if h.objective < far[0].objective + HOPELESS_START]
     order = [*far, *sorted(rest, key=lambda h: h.objective)]
     yaw = np.array([h.x[2, -1] for h in order])
-    chosen = diverse(_modulo_turns(shape, yaw), count).tolist()
+    cells = np.round(_modulo_turns(shape, yaw) / YAW_CELL)[None]
+    chosen = diverse(count, cells).tolist()
     half = len(chosen) - len(chosen) // 2
     pairs = zip_longest(chosen[:half], chosen[half:])
     return [order[i] for pair in pairs for i in pair if i is not None]

@@ -15,11 +15,7 @@ from ..data.sensor_noise import variance_left
 from ..geometry.faces import touched_faces
 from ..information.goodness_of_fit import Fit, fit_of
 from ..information.linearisation import Linearisation
-from ..information.mixture import (
-    LocalOptimum,
-    density_of_wrong_touches,
-    occam_of_hull,
-)
+from ..information.mixture import LocalOptimum, occam_of_hull
 from ..information.tangent_space import (
     TangentSpace,
     tangent_space_of,
@@ -27,6 +23,7 @@ from ..information.tangent_space import (
 )
 from ..nlp.kkt import KKTSystem, kkt_system_of
 from ..nlp.problem import Problem
+from ..problem.fingertips import density_of_wrong_touches
 from ..problem.hypothesis import Hypothesis, ranked
 from ..problem.job import Job
 from ..problem.pages import check_unknowns

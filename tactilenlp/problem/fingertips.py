@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 
+from formulations import sensing
 from formulations.finger import SPHERE, Finger, capsule
-from formulations.names import TOUCH_TERM
+from formulations.names import NORMAL_SCALE, TOUCH_SCALE, TOUCH_TERM
 
 from ..geometry.transforms import rotation_of
 
 END_COSINE = 0.1  # [-] cosine between capsule and normal from which on its end touches
 OUTLIER_COST = 7.0  # [nats] one sample in a thousand is wrong, unless a scene tells
 UNEXPLAINED = 0.8  # [outlier costs] a touched sample that costs more
+ANYWHERE = 0.1  # [m] within which a wrong touch may be: the way of a finger
 LEAST_FLIP_RATE = 1e-6  # [-] of a sensor that is said never to be wrong
 
 
@@ -71,3 +74,22 @@ def unexplained(problem, window, x, data) -> np.ndarray:
     """
     cost = problem.value(TOUCH_TERM, x, data)[:, 0]
     return cost > UNEXPLAINED * window.outlier_cost
+
+
+def density_of_wrong_touches(problem, solution, window) -> float:
+    """Return how much less probable [nats] wrong touches are than the objective says.
+
+    Their cost is bounded by the odds of a wrong sample (formulations/sensing.py).  To
+    compare optima its density counts as well: any gap within ANYWHERE, any normal.  So
+    the bound is higher, and what a touch costs without one follows from its cost.
+    """
+    scales = [problem.parameters.get(name) for name in (TOUCH_SCALE, NORMAL_SCALE)]
+    if None in scales or TOUCH_TERM not in problem.costs:
+        return 0.0
+    bound, cost = window.outlier_cost, problem.value(TOUCH_TERM, *solution.at(problem))
+    under = np.maximum(bound + np.logaddexp(0, -bound) - cost, np.finfo(float).eps)
+    unbounded = bound - np.log(np.expm1(under))
+    sigma, sigma_n = (float(np.ravel(scale.value)[0]) for scale in scales)
+    right = np.sqrt(2 * np.pi) * sigma / ANYWHERE * sigma_n**2 / 2
+    told = np.array(sensing.mixture(ca.DM(unbounded), bound - np.log(right)))
+    return float((told - cost).sum())

@@ -33,7 +33,7 @@ from ..tracking.initial_states import (
     initial_states,
     mid_face_guess,
 )
-from ..tracking.tracking import smoothed_states, tracks_after
+from ..tracking.tracking import explaining_first_touch, smoothed_states, tracks_after
 from ..tracking.tracks import (
     KalmanFilter,
     SmootherStep,
@@ -277,15 +277,15 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
 def proposed_tracks(job, ekf: KalmanFilter, kept, rng) -> tuple[Tracks, _Past]:
     """Return the tracks to begin with, and the past that they continue."""
     fingers, sigma = ekf.data.fingers, job.precision.normal
+    if not kept and (guess := job.search.guess) is not None:
+        (name,), states = guess.path, from_guess(guess.end, ekf.geometry, rng)
+        none = np.zeros(states[0].shape[1], int)
+        return new_tracks(*states, fingers, rng), _Past((), (), none, name)
     if not kept:
-        name = "track"
-        if (guess := job.search.guess) is not None:
-            (name,), (z, P) = guess.path, from_guess(guess.end, ekf.geometry, rng)
-        else:
-            drawn = DRAWN * job.search.drawn
-            z, P = initial_states(ekf.data, job.shape, rng, sigma, drawn)
-        none = np.zeros(z.shape[1], int)
-        return new_tracks(z, P, fingers, rng), _Past((), (), none, name)
+        drawn = DRAWN * job.search.drawn
+        states = initial_states(ekf.data, job.shape, rng, sigma, drawn)
+        tracks = explaining_first_touch(ekf, new_tracks(*states, fingers, rng))
+        return tracks, _Past((), (), np.zeros(len(tracks.evidence), int))
     done = kept[0].x.shape[1]
     earlier = replace(job, data=samples_until(job.data, done))
     P, along = zip(*from_posterior(earlier, kept), strict=True)

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..data.contact_segments import first_onset
 from .filter_steps import corrections, prediction
 from .process_noise import (
     ADDED_VARIANCE,
@@ -57,6 +58,13 @@ def tracks_after(ekf: KalmanFilter, tracks: Tracks, samples, rng, replaced=None)
                 )
             )
     return tracks, records
+
+
+def explaining_first_touch(ekf, tracks) -> Tracks:
+    """Return tracks that were drawn to explain the first touch: it is no evidence."""
+    t, _ = first_onset(ekf.data)
+    evidence = _corrected(ekf, tracks, t)[0].evidence
+    return replace(tracks, evidence=np.where(np.isfinite(evidence), -evidence, 0.0))
 
 
 def _selected(ekf, tracks, t, ends: bool, rng):

@@ -29,6 +29,8 @@ MOST_KEPT = 0.8  # [-] if more than so many tracks survive, copying them saves n
 JITTER = 1e-14  # [SI^2] added to covariances before they are factorised
 CELL = 6e-4, 6e-4, 0.02  # [m, m, rad] of sizes, place, yaw: tracks this close are one
 YAW_CELL = 0.15  # [rad] as wide as a proposal
+# Of 299 boxes 282 reach the best optimum known with cells of yaw alone, 290 with these:
+COARSE_CELL = 10e-3, 10e-3, YAW_CELL  # [m, m, rad] as CELL
 LEAST_EIGENVALUE = 1e-12  # [-] of the largest: what rounding leaves of an exact state
 SPREAD, SHRUNK = 0.8, 0.4  # [deviations] of the parts of a split; their variance
 PRESS = 0.7, 1.0  # [weights] median, deviation of the logarithm, of a push on a top
@@ -152,7 +154,8 @@ def split_tracks(ekf, tracks, final, rng):
     cells = np.round(tracks.z[:, order] / ekf.geometry.each(*CELL)[:, None])
     _, first = np.unique(cells, axis=1, return_index=True)
     order = order[np.sort(first)]
-    chosen = order[diverse(tracks.z[-1, order], KEPT)]
+    coarse = np.round(tracks.z[:, order] / ekf.geometry.each(*COARSE_CELL)[:, None])
+    chosen = order[diverse(KEPT, coarse[-1:], coarse)]
     if final:
         return tracks.pick(chosen), chosen
     each = int(np.clip(round(TRACKS / len(chosen)), 1, 8))
@@ -160,21 +163,30 @@ def split_tracks(ekf, tracks, final, rng):
     return parts_of(ekf, tracks, rows, rng), rows
 
 
-def diverse(yaw, count: int) -> np.ndarray:
+def diverse(count: int, *cells) -> np.ndarray:
     """Return which tracks are kept, of tracks in the order of their evidence.
 
-    Half of the places go by evidence, the others in turn to the cells of yaw: only the
-    next actions may tell whether a face or an edge was touched first.
+    cells (k, S): whole numbers, each column a cell.  The places are shared alike by the
+    best tracks, and in turn by the cells of each kind: only the next actions may tell
+    whether a face or an edge was touched first, and where.
     """
-    if len(yaw) <= count:
-        return np.arange(len(yaw))
-    cells = np.round(yaw / YAW_CELL)
-    turn = np.empty(len(yaw), int)  # of a track in its cell
-    for cell in np.unique(cells):
-        members = cells == cell
+    number, kinds = cells[0].shape[1], 1 + len(cells)
+    kept = np.arange(number) < min(number, count) - count * len(cells) // kinds
+    for i, kind in enumerate(cells, 2):
+        places = min(number, count) - count * (kinds - i) // kinds - kept.sum()
+        others = np.flatnonzero(~kept)
+        order = np.argsort(_turns(kind)[others], kind="stable")
+        kept[others[order[:places]]] = True
+    return np.flatnonzero(kept)
+
+
+def _turns(cells) -> np.ndarray:
+    """Return how many columns of cells (k, S) before each one are in its cell."""
+    _, cell = np.unique(cells, axis=1, return_inverse=True)
+    turn = np.empty(cells.shape[1], int)
+    for members in (cell.ravel() == c for c in range(cell.max() + 1)):
         turn[members] = np.arange(members.sum())
-    turn[: count - count // 2] = -1
-    return np.sort(np.argsort(turn, kind="stable")[:count])
+    return turn
 
 
 def _made_definite(P, rows):
