@@ -24,10 +24,12 @@ FIRST_STEP = 0.5e-3  # [m] at least
 MAX_STEP_GROWTH = 10.0  # [-] from step to step
 # [-] at least, once a straight line would have ended: else 30 more solves on a plateau
 PLATEAU_GROWTH = 1.5
-TAIL_GROWTH = 2.0  # [-] behind the rise: far solves are slow (109 iterations, 216 at 4)
-# [-] a step before that is so many times the deviation: the objective rose as at a
-# wall, not as a parabola, or a straight line (1 at most); [-] and steps that are near
-WALL, BESIDE = 2.0, 1.5
+# [-] behind the rise, or after a steep one: far solves are slow (109 iterations, at 4
+# 216)
+TAIL_GROWTH = 2.0
+# [-] of the rise at which a profile ends: where a step rises by so much, twice as much
+# as by the Hessian, it was too long; [-] steps that are near; [-] of the Hessian's rise
+STEEP, BESIDE, AS_GAUSSIAN = 4.0, 1.5, 0.5
 ENDED = 0.99  # [-] of the rise, or of the prior's deviation, at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
 
@@ -107,38 +109,43 @@ class Profile:
         solve(step, start): as above, in this direction; way: 1 or -1; least_sigma [m]:
         from the other direction or the Hessian.  The profile ends at the target
         rise, and beyond the distance at which that rise leaves a large deviation.  A
-        step to behind a wall, such as where a finger passed, is shortened: a rise of
-        100 nats tells nothing of what lies before it.
+        steep rise, of 100 nats where a finger passed, tells nothing of what lies before
+        it, and a solve over a long way can end in another optimum: it is repeated
+        nearer.  Where the first one then rises as a Gaussian of least_sigma would, the
+        profile ends.
         """
         prior, target_rise, best = self.prior, self.target_rise, self.best
-        widest, points, least_growth = None, [Point(0.0, 0.0, best)], 1.0
-        vague, reached = VAGUE_SHARE * prior, least_sigma
-        farthest, wall = vague * np.sqrt(2 * target_rise), []  # the nearest point in it
+        widest, points, steep = None, [Point(0.0, 0.0, best)], False
+        vague, reached, least_growth = VAGUE_SHARE * prior, least_sigma, 1.0
+        farthest = vague * np.sqrt(2 * target_rise)
         while reached < vague:
             if (point := solve(step, points[-1])) is None:
                 break
             _, rise, solved = point
             if rise < -BETTER_OPTIMUM and self.seeks:
                 return None, solved
-            deviation, last = self.deviation_at(point), points[-1].step
-            if last > WALL * deviation and step > BESIDE * last:
-                wall = [point]
-            else:
-                points.append(point)
-                if widest is None or deviation > reached:
-                    widest = (solved.at.end - best.at.end) * deviation / step
-                    reached = abs(widest[self.axis])
-                if rise >= ENDED * target_rise or step >= farthest:
-                    break
-                growth = max(least_growth, target_rise / max(rise, ONE_SIGMA))
-                last, step = step, min(step * min(MAX_STEP_GROWTH, growth), farthest)
-                least_growth = PLATEAU_GROWTH if rise > ONE_SIGMA else 1.0
-            if wall and wall[0].step <= BESIDE * last:
+            last = points[-1].step
+            if rise > STEEP * target_rise and step > max(BESIDE * last, FIRST_STEP):
+                first = max(step * np.sqrt(target_rise / rise), FIRST_STEP)
+                step, steep = np.sqrt(last * step) if last else first, True
+                continue
+            points.append(point)
+            deviation = self.deviation_at(point)
+            if widest is None or deviation > reached:
+                widest = (solved.at.end - best.at.end) * deviation / step
+                reached = abs(widest[self.axis])
+            if rise >= ENDED * target_rise or step >= farthest:
                 break
-            step = min([step, *(np.sqrt(last * p.step) for p in wall)])
+            gaussian = (step / least_sigma) ** 2 / 2
+            if steep and not last and rise > AS_GAUSSIAN * gaussian:
+                break
+            growth = max(least_growth, target_rise / max(rise, ONE_SIGMA))
+            growth = min(TAIL_GROWTH if steep else MAX_STEP_GROWTH, growth)
+            step = min(step * growth, farthest)
+            least_growth = PLATEAU_GROWTH if rise > ONE_SIGMA else 1.0
         if self.cost is not None:  # a large deviation by the Hessian, or none
             least = least_sigma if vague <= least_sigma < ENDED * prior else 0.0
-            widest = self.open_deviation(solve, way, widest, points + wall, least)
+            widest = self.open_deviation(solve, way, widest, points, least)
         return widest, None
 
     def deviation_at(self, point: Point) -> float:
