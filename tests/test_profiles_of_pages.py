@@ -1,4 +1,4 @@
-"""Profiles of solved pages: where they are made, and what becomes of a better optimum."""
+"""Profiles of solved pages: where they are made, and what better optima lead to."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

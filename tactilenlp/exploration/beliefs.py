@@ -24,8 +24,8 @@ from formulations.violation_implicit import NORMAL, TOUCH
 from ..data.contact_segments import intervals
 from ..information.comparisons import sample_information
 from ..information.error_budget_terms import REACHED
+from ..information.laplace_approximation import prior_of_offsets
 from ..information.tangent_space import rotations, tangent_of, widest_deviations
-from ..information.trajectory import prior_of_offsets
 from ..local.comparison import distinct
 from ..problem.hypothesis import Hypothesis
 from ..problem.poses import rotations_on_ground

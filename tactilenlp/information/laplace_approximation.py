@@ -11,7 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import softmax
+
+from formulations.names import FINGER_OFFSET
 
 from ..geometry.convex_hull import centroid, hausdorff_distance
 from ..nlp.kkt import KKTSystem
@@ -29,7 +32,6 @@ from .mixture import (
 from .tangent_space import inverse, known_faces, open_directions, slope_of_centroid
 from .trajectory import (
     deviations_of_path,
-    fields_of_offsets,
     response_to_ground,
     trajectory_variance,
 )
@@ -173,3 +175,33 @@ def _indefinite(kkt: KKTSystem) -> tuple[str, ...]:
         for i in worst[(worst >= v.first) & (worst < v.span.stop)] - v.first:
             where.append(f"{name}[{i % v.rows}, {i // v.rows}]")
     return (f"{term} along {', '.join(where)}",)
+
+
+# Constant offsets of the finger positions
+
+
+def fields_of_offsets(linearisation: Linearisation, tangent) -> dict:
+    """Return the fields of an Information that tell of offsets; none if they are known.
+
+    The covariance of the offsets, finger by finger, (3 F, 3 F) [m^2] by the error
+    budget; the information by the Hessian about shape and final pose, in their tangent
+    space, and the page's own offsets (k + 3 F, k + 3 F).
+    """
+    variables = linearisation.kkt.problem.variables
+    if FINGER_OFFSET not in variables:
+        return {}
+    span = variables[FINGER_OFFSET].span
+    own = np.arange(span.start, span.stop)
+    turn = np.kron(np.eye(len(own) // 3), linearisation.R_wg)
+    chosen = np.r_[tangent.chosen, own]
+    jacobian = block_diag(tangent.jacobian, np.eye(len(own)))
+    C = jacobian @ linearisation.kkt.marginal(chosen) @ jacobian.T
+    errors = summed(errors_by_name(linearisation.response(own, turn)))
+    return {"offsets": errors, "with_offsets": inverse((C + C.T) / 2)}
+
+
+def prior_of_offsets(scene, fingers: int) -> np.ndarray:
+    """Return the information (3 F, 3 F) [1 / m^2] before any touch, ground's frame."""
+    if scene.joints is None:
+        return np.eye(3 * fingers) / scene.sigma_offset**2
+    return block_diag(*scene.joints.information.reshape(-1, 3, 3))

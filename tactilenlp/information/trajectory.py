@@ -1,4 +1,4 @@
-r"""Compute standard deviations of the pose at every sample, and of finger offsets.
+r"""Compute standard deviations of the pose at every sample.
 
 At sample t the variance of the pose adds up
 
@@ -9,7 +9,8 @@ At sample t the variance of the pose adds up
     faces, profile likelihood), moved back with the rigid body: it holds in the body's
     frame.
 
-    in planar motion, how the ground may lean, and the body on it (errors_of_ground).
+    in planar motion, how the ground may lean, and the body on it (errors_of_ground),
+    and how far fingers may have tipped it (errors_of_tipping).
 
 A solve of the KKT system is needed for every pose.  POSES of them are computed, and
 where a body is let go and felt again, between which its variance jumps; the variance is
@@ -20,9 +21,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
 
 from formulations.ground_contact import REST
-from formulations.names import FINGER_OFFSET
+from formulations.names import GROUND, NORMAL_SCALE
 from formulations.rigid_body import ARM, LEAST_ARM
 
 from ..geometry.transforms import is_planar, matrices
@@ -30,10 +32,12 @@ from .error_budget import errors_by_name, summed
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .linearisation import Linearisation
 from .mixture import relabelling, turn_between
-from .tangent_space import inverse, pose_jacobians
+from .tangent_space import pose_jacobians
 
 LEAST_WAY, ICE = 1e-6, 0.1  # [m] rounding; [m/s^2] that brakes a body on ice
 LIES = 2 * np.sin(np.pi / 8)  # [-] 45 deg: a body that leans more falls farther over
+ON_EDGE = 0.9  # [half widths] of the centre of pressure, from which on a body may tip
+UP = np.array([0.0, 0.0, 1.0])
 POSES = 40  # of a trajectory whose covariance is computed at least
 
 
@@ -71,7 +75,9 @@ def trajectory_variance(linearisation: Linearisation, middle, of_end=None, optim
         variance += weight * apart**2
     most = np.repeat([REACHED**2, ANY_ROTATION**2], 3)
     variance = np.clip(variance, 0.0, most)
-    return np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
+    variance = np.array([np.interp(window.pose, poses, v) for v in variance.T]).T
+    tipped = np.diagonal(errors_of_tipping(linearisation), axis1=1, axis2=2)
+    return variance + tipped[window.pose]
 
 
 def _computed_poses(linearisation: Linearisation) -> np.ndarray:
@@ -106,15 +112,17 @@ def response_to_ground(linearisation: Linearisation, tangent) -> tuple:
 
     In planar motion z is in the ground's frame: there the latter adds what turns.
     """
-    window = linearisation.window
-    if linearisation.tilt is None:
+    window, known = linearisation.window, linearisation.tilt is None
+    p, free = linearisation.end[None], window.motion.name == "free"
+    if not (free or window.shape.of_vertices):
+        ground = errors_of_tipping(linearisation)[-1]
+        ground += 0.0 if known else errors_of_ground(linearisation, p)[0]
+        return 0.0, ground if ground.any() else None
+    if known:
         return 0.0, None
     if window.shape.of_vertices:
         vertices = linearisation.slopes_by_tilt(linearisation.vertices)
         return vertices[:, :3].reshape(-1, 2), None
-    p = linearisation.end[None]
-    if window.motion.name != "free":
-        return 0.0, errors_of_ground(linearisation, p)[0]
     pose = linearisation.slopes_by_tilt(p)[0]
     return np.vstack([np.zeros((len(tangent.z) - 6, 2)), pose]), None
 
@@ -132,6 +140,64 @@ def errors_of_ground(linearisation: Linearisation, points) -> np.ndarray:
     rocks = (UNEVEN * REST) ** 2 / arm * R_wg[:, :2] @ R_wg[:, :2].T
     C[:, 3:, 3:] += rocks
     return C
+
+
+def errors_of_tipping(linearisation) -> np.ndarray:
+    """Return covariances (poses, 6, 6) of poses in planar motion, world frame.
+
+    Where the ground carries a body on one edge, a finger may have tipped it about that
+    edge, and noise can hide it: until it is let go, by a share s of how far the finger
+    moved since over its height, up to where the body falls.  Before the data s has a
+    mean square of a third; the normals of touches below the top of a box lean with it.
+    """
+    window, values = linearisation.window, linearisation.values
+    C, number = np.zeros((window.poses, 6, 6)), len(window.step)
+    if window.motion.name == "free" or GROUND not in values or not number:
+        return C
+    loads, theta = values[GROUND][0].reshape(number, -1), values["theta"].T.ravel()
+    corners = window.supports(theta)[: loads.shape[1]]
+    half = np.maximum(np.abs(corners[:, :2]).max(axis=0), LEAST_ARM)
+    total = np.maximum(loads.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    pressure = loads @ corners[:, :2] / total / half
+    action = linearisation.job.data.action[window.step.sample]
+    first = np.flatnonzero(np.diff(action, prepend=-1))
+    for steps in np.split(np.arange(number), first[1:]):
+        on_edge = np.abs(pressure[steps]).max(axis=1) > ON_EDGE
+        if on_edge.any():
+            begin = steps[int(np.argmax(on_edge))]
+            axis = int(np.argmax(np.abs(pressure[begin])))
+            over = np.sign(pressure[begin, axis]) * np.eye(3)[axis], half[axis]
+            _add_tip(C, linearisation, steps[steps >= begin], over, -corners[0, 2])
+    return C
+
+
+def _add_tip(C, linearisation, steps, over, height: float) -> None:
+    """Add to covariances C that a body may tip over an edge in some steps of an action.
+
+    over: where the edge is from the body's middle, body frame, and how far [m]; height
+    [m]: of the middle.
+    """
+    window, (side, half), R_wg = linearisation.window, over, linearisation.R_wg
+    push = window.push.pick(np.setdiff1d(np.arange(len(window.push)), window.unfelt))
+    way = np.linalg.norm((push.p_wf - push.p_wf_1)[:, :3], axis=1)
+    turn = way / np.maximum(push.p_wf[:, 2], push.radius)
+    tip, told, off, moved = 0.0, 3.0, 0.0, []
+    for k in steps:
+        now = push.step == k
+        if not now.any():
+            break  # it was let go
+        pose, sample = window.step.pose[k], window.step.sample[k]
+        tip = min(tip + turn[now].max(), np.arctan2(half, height))
+        g = Rotation.from_euler("z", linearisation.values["x"][-1, pose]).apply(side)
+        rise = half * UP + (height - push.p_wf[now, 2].max()) * g
+        moved.append((pose, tip * np.r_[R_wg @ rise, R_wg @ np.cross(UP, g)]))
+        touch = window.touch.pick(window.touch.sample == sample)
+        leans = tip * -touch.normal @ g * (touch.p_wf[:, 2] < 2 * height)
+        sigma = np.ravel(linearisation.kkt.problem.parameters[NORMAL_SCALE].value)[0]
+        told += np.sum(leans**2) / sigma**2
+        off += leans @ touch.normal[:, 2] / sigma**2
+    for pose, d in moved:
+        C[pose] += ((off / told) ** 2 + 1 / told) * np.outer(d, d)
 
 
 def _of_point(p, R, J_p, J_R, middle, slope):
@@ -214,33 +280,3 @@ def _ways(x, to, before) -> np.ndarray:
     R, off = matrices(x), x[:3, to] - x[:3, before]
     turn = ((R[to] - R[before]) ** 2).sum(axis=(1, 2)) / 2
     return np.sqrt((off**2).sum(axis=0) + ARM**2 * turn)
-
-
-# Constant offsets of the finger positions
-
-
-def fields_of_offsets(linearisation: Linearisation, tangent) -> dict:
-    """Return the fields of an Information that tell of offsets; none if they are known.
-
-    The covariance of the offsets, finger by finger, (3 F, 3 F) [m^2] by the error
-    budget; the information by the Hessian about shape and final pose, in their tangent
-    space, and the page's own offsets (k + 3 F, k + 3 F).
-    """
-    variables = linearisation.kkt.problem.variables
-    if FINGER_OFFSET not in variables:
-        return {}
-    span = variables[FINGER_OFFSET].span
-    own = np.arange(span.start, span.stop)
-    turn = np.kron(np.eye(len(own) // 3), linearisation.R_wg)
-    chosen = np.r_[tangent.chosen, own]
-    jacobian = block_diag(tangent.jacobian, np.eye(len(own)))
-    C = jacobian @ linearisation.kkt.marginal(chosen) @ jacobian.T
-    errors = summed(errors_by_name(linearisation.response(own, turn)))
-    return {"offsets": errors, "with_offsets": inverse((C + C.T) / 2)}
-
-
-def prior_of_offsets(scene, fingers: int) -> np.ndarray:
-    """Return the information (3 F, 3 F) [1 / m^2] before any touch, ground's frame."""
-    if scene.joints is None:
-        return np.eye(3 * fingers) / scene.sigma_offset**2
-    return block_diag(*scene.joints.information.reshape(-1, 3, 3))

@@ -32,12 +32,11 @@ from ..geometry.transforms import (
 from ..information.error_budget import OF_PRIORS, variances_by_name
 from ..information.error_budget_terms import ANY_ROTATION, REACHED
 from ..information.information import Information
-from ..information.laplace_approximation import information_of
+from ..information.laplace_approximation import information_of, prior_of_offsets
 from ..information.linearisation import Linearisation
 from ..information.measurement_noise import aligned_normals
 from ..information.mixture import one_mode
 from ..information.tangent_space import prior_deviations, widest_deviations
-from ..information.trajectory import prior_of_offsets
 from ..problem.pages import name_of
 from ..problem.poses import poses
 from ..tracking.surface import body_surface
