@@ -183,9 +183,9 @@ def diverse(count: int, *cells) -> np.ndarray:
 def _turns(cells) -> np.ndarray:
     """Return how many columns of cells (k, S) before each one are in its cell."""
     _, cell = np.unique(cells, axis=1, return_inverse=True)
-    turn = np.empty(cells.shape[1], int)
-    for members in (cell.ravel() == c for c in range(cell.max() + 1)):
-        turn[members] = np.arange(members.sum())
+    order = np.argsort(cell.ravel(), kind="stable")
+    members, turn = cell.ravel()[order], np.empty(cells.shape[1], int)
+    turn[order] = np.arange(len(order)) - np.searchsorted(members, members)
     return turn
 
 
