@@ -19,7 +19,7 @@ Of sensing:
     late normals            error of the lag of normals, zero or estimated
     late touches            error of the latency of touches, zero, told or estimated
     radii of fingers        radii may be told wrong
-    tilt of the ground      and of a body that stands on an uneven one
+    tilt of the ground      and of a body on it: uneven, or tipped by a finger
 
 Of priors and physics:
 
