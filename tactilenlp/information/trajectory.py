@@ -148,7 +148,7 @@ def errors_of_tipping(linearisation) -> np.ndarray:
     Where the ground carries a body on one edge, a finger may have tipped it about that
     edge, and noise can hide it: until it is let go, by a share s of how far the finger
     moved since over its height, up to where the body falls.  Before the data s has a
-    mean square of a third; the normals of touches below the top of a box lean with it.
+    mean square of a third; on a box the normals of touches below the top lean with it.
     """
     window, values = linearisation.window, linearisation.values
     C, number = np.zeros((window.poses, 6, 6)), len(window.step)
@@ -181,6 +181,8 @@ def _add_tip(C, linearisation, steps, over, height: float) -> None:
     push = window.push.pick(np.setdiff1d(np.arange(len(window.push)), window.unfelt))
     way = np.linalg.norm((push.p_wf - push.p_wf_1)[:, :3], axis=1)
     turn = way / np.maximum(push.p_wf[:, 2], push.radius)
+    scale = linearisation.kkt.problem.parameters.get(NORMAL_SCALE)
+    sigma = np.inf if scale is None else float(np.ravel(scale.value)[0])
     tip, told, off, moved = 0.0, 3.0, 0.0, []
     for k in steps:
         now = push.step == k
@@ -192,8 +194,8 @@ def _add_tip(C, linearisation, steps, over, height: float) -> None:
         rise = half * UP + (height - push.p_wf[now, 2].max()) * g
         moved.append((pose, tip * np.r_[R_wg @ rise, R_wg @ np.cross(UP, g)]))
         touch = window.touch.pick(window.touch.sample == sample)
-        leans = tip * -touch.normal @ g * (touch.p_wf[:, 2] < 2 * height)
-        sigma = np.ravel(linearisation.kkt.problem.parameters[NORMAL_SCALE].value)[0]
+        side_felt = window.shape.faced & (touch.p_wf[:, 2] < 2 * height)
+        leans = -tip * (touch.normal @ g) * side_felt
         told += np.sum(leans**2) / sigma**2
         off += leans @ touch.normal[:, 2] / sigma**2
     for pose, d in moved:

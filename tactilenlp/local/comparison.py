@@ -12,7 +12,6 @@ import numpy as np
 from ..information.mixture import relabellings
 from ..problem.hypothesis import Hypothesis
 from ..tracking.surface import supports, trajectory_outline
-from ..tracking.tracks import YAW_CELL, diverse
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
@@ -20,6 +19,7 @@ EVERY = 8  # samples of a trajectory that are compared
 # Starts that are far from each other (by trial on the shared boxes, as margins.py):
 FAR_APART = 4e-3  # [m] root mean square distance of trajectories that count as far
 FAR_BONUS = 6.0  # [nats] that a trajectory as far from those chosen may cost more
+OTHER_YAW = 0.15  # [rad] as wide as a proposal of the search
 HOPELESS_START = 25.0  # [nats] behind the best
 
 
@@ -46,27 +46,27 @@ def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return good hypotheses far from each other, every second one of another yaw.
 
     Places along a touched face alone would take all starts, and leave its edges none.
+    Yaws are others by OTHER_YAW, within the turns about the vertical that leave a body
+    the same.
     """
     far = far_apart(shape, hypotheses, count - count // 2)
     rest = [h for h in hypotheses if all(h is not other for other in far)]
     rest = [h for h in rest if h.objective < far[0].objective + HOPELESS_START]
-    order = [*far, *sorted(rest, key=lambda h: h.objective)]
-    yaw = np.array([h.x[2, -1] for h in order])
-    cells = np.round(_modulo_turns(shape, yaw) / YAW_CELL)[None]
-    chosen = diverse(count, cells).tolist()
-    half = len(chosen) - len(chosen) // 2
-    pairs = zip_longest(chosen[:half], chosen[half:])
-    return [order[i] for pair in pairs for i in pair if i is not None]
+    others = []
+    for h in sorted(rest, key=lambda h: h.objective):
+        others += of_other_yaw(shape, [h], [*far, *others])
+    alike = [h for h in rest if all(h is not other for other in others)]
+    rest = [*others, *sorted(alike, key=lambda h: h.objective)]
+    pairs = zip_longest(far, rest[: count - len(far)])
+    return [h for pair in pairs for h in pair if h is not None]
 
 
-def _modulo_turns(shape, yaw):
-    """Return yaws [rad] within the turns about the vertical that leave a body the same.
-
-    The circular mean is in the middle, so that nearly equal yaws stay together.
-    """
-    turns = len(relabellings(shape, upright=True))
-    middle = np.angle(np.exp(1j * turns * yaw).mean()) / turns
-    return (yaw - middle + np.pi / turns) % (2 * np.pi / turns)
+def of_other_yaw(shape, hypotheses, known) -> list[Hypothesis]:
+    """Return hypotheses that end with a yaw of none of those that are known."""
+    turn = 2 * np.pi / len(relabellings(shape, upright=True))
+    yaw = np.array([h.x[2, -1] for h in known])
+    off = [np.abs((h.x[2, -1] - yaw + turn / 2) % turn - turn / 2) for h in hypotheses]
+    return [h for h, far in zip(hypotheses, off, strict=True) if far.min() > OTHER_YAW]
 
 
 def far_apart(shape, hypotheses, count: int) -> list[Hypothesis]:

@@ -20,7 +20,7 @@ from ..common.progress import progress
 from ..data.contact_segments import samples_until
 from ..data.sensor_noise import precise
 from ..geometry.transforms import move_poses
-from ..local.comparison import distinct, diverse_starts, same_body
+from ..local.comparison import distinct, diverse_starts, of_other_yaw, same_body
 from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
 from ..problem.hypothesis import UNSEARCHED, Hypothesis
@@ -131,7 +131,7 @@ class TrackingSearch:
     optima: dict = field(default_factory=dict, init=False)  # of least motion, by track
 
     def starts(self) -> list[Hypothesis]:
-        """Return `count` starts for all actions, the best by least motion first.
+        """Return `count` starts, by least motion, and a likely one of another yaw.
 
         Where `kept` are of all samples nothing is searched: they are the starts.
         """
@@ -146,13 +146,13 @@ class TrackingSearch:
         pairs = zip(tracks, optima, strict=False)  # the last tracks need not be solved
         alone = [replace(h, objective=rest.objective) for h, rest in pairs]
         starts += alone[: count - len(starts)]
+        most = min(h.rank for h in tracks) + 2 * DECISIVE
+        likely = [h for h, t in zip(alone, tracks, strict=False) if t.rank < most]
+        starts += of_other_yaw(shape, likely, starts)[:1]  # an edge, beside faces
         return self._keep(sorted(starts, key=lambda h: h.rank))
 
     def least_motion_optima(self) -> list[Hypothesis]:
-        """Return the optima of least motion that continue `kept`, the best first.
-
-        From the first few tracks; without those that are far behind.
-        """
+        """Return good optima of least motion from the first tracks, the best first."""
         optima = self._of_least_motion(self._far_apart[:ROUND])
         optima = sorted(optima, key=lambda h: h.objective)
         optima = distinct(self.job.shape, optima, ROUND, DECISIVE)
