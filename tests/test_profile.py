@@ -10,7 +10,7 @@ from formulations.shape import CUBOID
 from tactilenlp.local.margins import PROFILE_RISE
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.refinement.profile_deviation import (
-    STEEP,
+    STEEP_RISE,
     TAIL_GROWTH,
     VAGUE_SHARE,
     Point,
@@ -121,7 +121,7 @@ def test_a_plateau_is_looked_for_only_where_it_could_have_weight(height):
         assert asked[-1] == PRIOR
         assert max(np.divide(asked[1:], asked[:-1])) <= TAIL_GROWTH
     else:  # what rises steeply is looked at once more, nearer
-        assert len(asked) == 1 + (height > STEEP * PROFILE_RISE)
+        assert len(asked) == 1 + (height > STEEP_RISE * PROFILE_RISE)
 
 
 def test_behind_a_plateau_that_ends_no_more_is_looked_for():
@@ -193,7 +193,7 @@ def test_no_offset_is_evaluated_whose_sigma_would_be_vague(slope):
     assert asked[0] <= VAGUE_SHARE * PRIOR
     assert max(asked) <= VAGUE_SHARE * PRIOR * np.sqrt(2 * PROFILE_RISE) * (1 + 1e-9)
     assert len(asked) <= 4
-    steep = int(slope * asked[0] > STEEP * PROFILE_RISE)  # it is repeated nearer
+    steep = int(slope * asked[0] > STEEP_RISE * PROFILE_RISE)  # it is repeated nearer
     dear = [d for d in asked[steep:] if slope * d >= PROFILE_RISE]
     assert dear in ([], asked[-1:])  # once it is dear enough, no more
 

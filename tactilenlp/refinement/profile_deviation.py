@@ -29,7 +29,7 @@ PLATEAU_GROWTH = 1.5
 TAIL_GROWTH = 2.0
 # [-] of the rise at which a profile ends: where a step rises by so much, twice as much
 # as by the Hessian, it was too long; [-] steps that are near; [-] of the Hessian's rise
-STEEP, BESIDE, AS_GAUSSIAN = 4.0, 1.5, 0.5
+STEEP_RISE, BESIDE, AS_GAUSSIAN = 4.0, 1.5, 0.5
 ENDED = 0.99  # [-] of the rise, or of the prior's deviation, at which a profile ends
 POSTERIOR_NODES = 1000  # of the integral over a narrow optimum and a wide plateau
 
@@ -125,7 +125,9 @@ class Profile:
             if rise < -BETTER_OPTIMUM and self.seeks:
                 return None, solved
             last = points[-1].step
-            if rise > STEEP * target_rise and step > max(BESIDE * last, FIRST_STEP):
+            if rise > STEEP_RISE * target_rise and step > max(
+                BESIDE * last, FIRST_STEP
+            ):
                 first = max(step * np.sqrt(target_rise / rise), FIRST_STEP)
                 step, steep = np.sqrt(last * step) if last else first, True
                 continue
