@@ -125,9 +125,8 @@ class Profile:
             if rise < -BETTER_OPTIMUM and self.seeks:
                 return None, solved
             last = points[-1].step
-            if rise > STEEP_RISE * target_rise and step > max(
-                BESIDE * last, FIRST_STEP
-            ):
+            near = step <= max(BESIDE * last, FIRST_STEP)
+            if rise > STEEP_RISE * target_rise and not near:
                 first = max(step * np.sqrt(target_rise / rise), FIRST_STEP)
                 step, steep = np.sqrt(last * step) if last else first, True
                 continue
