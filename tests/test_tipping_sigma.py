@@ -40,7 +40,7 @@ def linearisation(on_edge, sigma=1e6, lean=0.0, let_go=None):
     step = Steps(pose, pose, pose - 1, pose - 1, one, one, np.zeros((n, 3)))
     window = SimpleNamespace(
         shape=CUBOID, motion=PLANAR, poses=n + 1, step=step, touch=touch,
-        push=push.pick(pushing), unfelt=np.zeros(0, int),
+        push=push.pick(pushing), unfelt=np.zeros(0, int), corner=range(4 * n),
         supports=lambda theta: body_corners(CUBOID, theta),
     )  # fmt: skip
     scale = SimpleNamespace(value=sigma)
