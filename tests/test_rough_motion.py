@@ -17,13 +17,14 @@ from tactilenlp.estimation.second_searches import from_more_draws
 from tactilenlp.information.goodness_of_fit import PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.local.margins import DECISIVE, DOUBTFUL, PHYSICS_SHARE
+from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.search.multi_hypothesis import proposed_tracks
 from tactilenlp.tracking.initial_states import DOUBTFUL_DRAWN, DRAWN, initial_states
 from tactilenlp.tracking.process_noise import PROCESS_NOISE_FACTOR
-from tactilenlp.tracking.tracking import predicted_tracks
+from tactilenlp.tracking.tracking import predicted_tracks, tracks_after
 from tactilenlp.tracking.tracks import filter_of
 
 
@@ -44,6 +45,22 @@ def predicted(job):
     after, _, moved = predicted_tracks(ekf, tracks, t - 1, t, rng)
     assert moved
     return tracks.P, after.P
+
+
+def test_the_first_touch_is_no_evidence_for_bodies_drawn_to_explain_it(
+    request_of_one_action,
+):
+    """Faces and edges explain it alike; of a guess, which does not, it is some."""
+    job = request_of_one_action.job
+    ekf, rng = filter_of(job, job.data), np.random.default_rng(0)
+    t = np.flatnonzero(ekf.felt.any(axis=1))[:1]
+    drawn, _ = proposed_tracks(job, ekf, (), rng)
+    evidence = tracks_after(ekf, drawn, t, rng, (drawn, None))[0].evidence
+    assert np.abs(evidence).max() < 1e-9
+    guess = Hypothesis(drawn.z[:3, 0], drawn.z[3:, :1], 0.0, ("guess",))
+    guessed, _ = proposed_tracks(job.with_search(guess=guess), ekf, (), rng)
+    evidence = tracks_after(ekf, guessed, t, rng, (guessed, None))[0].evidence
+    assert evidence.max() < -1.0
 
 
 def test_rough_motion_widens_what_a_push_leaves_open(request_of_one_action):

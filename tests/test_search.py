@@ -15,7 +15,7 @@ from tactilenlp.estimation.initial_search import initial_hypotheses
 from tactilenlp.estimation.interrupted import Incumbents
 from tactilenlp.geometry.tipping import planar_to_free
 from tactilenlp.interface.request import read_request
-from tactilenlp.local.comparison import diverse_starts, same_body
+from tactilenlp.local.comparison import diverse_starts, of_other_yaw, same_body
 from tactilenlp.search.contact_frame import ContactFrame
 from tactilenlp.search.least_motion import least_motion, unseen_optima
 from tactilenlp.search.multi_hypothesis import TrackingSearch
@@ -202,3 +202,11 @@ def test_every_second_start_is_of_another_yaw(estimate):
     assert found[0] is face[0]
     assert (turns[1:8:2] > 0.2).sum() >= 3
     assert (turns[::2] < 0.2).all()
+
+
+def test_a_yaw_is_another_one_up_to_quarter_turns_of_a_box(estimate):
+    h, turns = estimate.hypotheses[0], (0.0, np.pi / 2 + 0.1, 0.2, -np.pi / 2 - 0.3)
+    several = [replace(h, x=h.x + np.array([[0.0], [0.0], [yaw]])) for yaw in turns]
+    found = of_other_yaw(CUBOID, several, [h])
+    assert [several.index(one) for one in found] == [2, 3]
+    assert of_other_yaw(CUBOID, several, several) == []
