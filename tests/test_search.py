@@ -202,6 +202,9 @@ def test_every_second_start_is_of_another_yaw(estimate):
     assert found[0] is face[0]
     assert (turns[1:8:2] > 0.2).sum() >= 3
     assert (turns[::2] < 0.2).all()
+    assert [len(diverse_starts(CUBOID, [*face, *edges], n)) for n in (0, 1, 2)] == [
+        0, 1, 2
+    ]  # fmt: skip
 
 
 def test_a_yaw_is_another_one_up_to_quarter_turns_of_a_box(estimate):

@@ -49,14 +49,14 @@ def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     Yaws are others by OTHER_YAW, within the turns about the vertical that leave a body
     the same.
     """
-    far = far_apart(shape, hypotheses, count - count // 2)
-    rest = [h for h in hypotheses if all(h is not other for other in far)]
-    rest = [h for h in rest if h.objective < far[0].objective + HOPELESS_START]
-    others = []
-    for h in sorted(rest, key=lambda h: h.objective):
-        others += of_other_yaw(shape, [h], [*far, *others])
-    alike = [h for h in rest if all(h is not other for other in others)]
-    rest = [*others, *sorted(alike, key=lambda h: h.objective)]
+    several = far_apart(shape, hypotheses, count)
+    half = count - count // 2
+    far, others = several[:half], []
+    for h in sorted(hypotheses, key=lambda h: h.objective):
+        if h.objective < several[0].objective + HOPELESS_START:
+            others += of_other_yaw(shape, [h], [*far, *others])
+    ids = {id(h) for h in (*far, *others)}
+    rest = [*others, *(h for h in several if id(h) not in ids)]
     pairs = zip_longest(far, rest[: count - len(far)])
     return [h for pair in pairs for h in pair if h is not None]
 
@@ -66,7 +66,11 @@ def of_other_yaw(shape, hypotheses, known) -> list[Hypothesis]:
     turn = 2 * np.pi / len(relabellings(shape, upright=True))
     yaw = np.array([h.x[2, -1] for h in known])
     off = [np.abs((h.x[2, -1] - yaw + turn / 2) % turn - turn / 2) for h in hypotheses]
-    return [h for h, far in zip(hypotheses, off, strict=True) if far.min() > OTHER_YAW]
+    return [
+        h
+        for h, far in zip(hypotheses, off, strict=True)
+        if far.min(initial=np.pi) > OTHER_YAW
+    ]
 
 
 def far_apart(shape, hypotheses, count: int) -> list[Hypothesis]:

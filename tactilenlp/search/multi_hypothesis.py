@@ -148,7 +148,7 @@ class TrackingSearch:
         starts += alone[: count - len(starts)]
         most = min(h.rank for h in tracks) + 2 * DECISIVE
         likely = [h for h, t in zip(alone, tracks, strict=False) if t.rank < most]
-        starts += of_other_yaw(shape, likely, starts)[:1]  # an edge, beside faces
+        starts += of_other_yaw(shape, likely, starts)[: count > 1]  # an edge, say
         return self._keep(sorted(starts, key=lambda h: h.rank))
 
     def least_motion_optima(self) -> list[Hypothesis]:
