@@ -16,6 +16,7 @@ from __future__ import annotations
 import casadi as ca
 
 FREEDOM = 3  # degrees of freedom of heavy tails
+LEAST_UNDER = 2.0**-52  # [nats] by which a cost is under its bound: rounding
 
 
 def softplus(z):
@@ -60,6 +61,12 @@ def mixture(cost, outlier_cost):
     Zero where the cost is zero; a wrong sample costs little more than `outlier_cost`.
     """
     return outlier_cost - softplus(outlier_cost - cost) + softplus(-outlier_cost)
+
+
+def without_bound(cost, outlier_cost):
+    """Return the cost of which `mixture` is `cost`, a large one near its bound."""
+    under = ca.fmax(outlier_cost + softplus(-outlier_cost) - cost, LEAST_UNDER)
+    return outlier_cost - ca.log(ca.expm1(under))
 
 
 def normal_within(n, n_m, information):

@@ -98,12 +98,12 @@ def test_a_wrong_touch_is_as_unlikely_as_its_density_says():
     sigma, sigma_n, bound = 1e-3, 0.1, 7.0
     alone = np.array([[0.1], [5.5], [9.0], [14.0], [500.0]])  # without a bound
     costs = np.array(sensing.mixture(ca.DM(alone), bound))
-    values = {TOUCH_SCALE: sigma, NORMAL_SCALE: sigma_n}
+    parameters = {TOUCH_SCALE: slice(0, 1), NORMAL_SCALE: slice(1, 2)}
     problem = SimpleNamespace(
-        parameters={name: SimpleNamespace(value=v) for name, v in values.items()},
+        parameters={name: SimpleNamespace(span=s) for name, s in parameters.items()},
         costs={TOUCH_TERM: None}, value=lambda *_: costs,
     )  # fmt: skip
-    solution = SimpleNamespace(at=lambda _: (None, None))
+    solution = SimpleNamespace(at=lambda _: (None, np.array([sigma, sigma_n])))
     window = SimpleNamespace(outlier_cost=bound)
     right = norm(0, sigma).pdf(0) * norm(0, sigma_n).pdf(0) ** 2
     wrong = np.exp(-bound) / ANYWHERE / (4 * np.pi)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from formulations.names import GROUND, NORMAL_SCALE
+from formulations.names import GROUND, NORMAL_SCALE, TOUCH_SCALE
 from formulations.rigid_body import PLANAR
 from formulations.shape import CUBOID
 from tactilenlp.information.trajectory import errors_of_tipping
@@ -43,12 +43,15 @@ def linearisation(on_edge, sigma=1e6, lean=0.0, let_go=None):
         push=push.pick(pushing), unfelt=np.zeros(0, int), corner=range(4 * n),
         supports=lambda theta: body_corners(CUBOID, theta),
     )  # fmt: skip
-    scale = SimpleNamespace(value=sigma)
+    parameters = {TOUCH_SCALE: slice(0, 1), NORMAL_SCALE: slice(1, 2)}
+    problem = SimpleNamespace(
+        parameters={name: SimpleNamespace(span=s) for name, s in parameters.items()}
+    )
     x = np.vstack([np.zeros((2, n + 1)), np.full(n + 1, YAW)])
     values = {"theta": SIDES[:, None], "x": x, GROUND: loads.reshape(1, -1)}
     return SimpleNamespace(
         window=window, values=values, R_wg=np.eye(3),
-        kkt=SimpleNamespace(problem=SimpleNamespace(parameters={NORMAL_SCALE: scale})),
+        kkt=SimpleNamespace(problem=problem, data=np.array([1e-3, sigma])),
         job=SimpleNamespace(data=SimpleNamespace(action=np.zeros(n + 1, int))),
     )  # fmt: skip
 

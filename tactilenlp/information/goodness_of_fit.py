@@ -51,12 +51,12 @@ from formulations.between_actions import CAUCHY, GAP
 from formulations.names import (
     BETWEEN_ACTIONS,
     FREE_TERM,
-    NORMAL_SCALE,
     TOUCH_SCALE,
     TOUCH_TERM,
 )
 
 from ..data.contact_segments import gaps_near_touches, lone_touches
+from ..problem.fingertips import touch_scales
 from .measurement_noise import touches
 from .trajectory import moved_between, moved_farther
 
@@ -259,10 +259,7 @@ def touch_moments(problem, data, window, smoothing: float):
 
     Most touches have the same deviations: of 60 to 90 there are one to six pairs.
     """
-    sigma, sigma_n = (
-        float(data[problem.parameters[name].span][0])
-        for name in (TOUCH_SCALE, NORMAL_SCALE)
-    )
+    sigma, sigma_n = touch_scales(problem, data)
     scale = np.hypot(sigma, window.touch.late_gap)
     scale_n = np.hypot(sigma_n, window.touch.late_gap / window.touch.radius)
     sigma_p = window.sigma_position * np.sqrt(smoothing)

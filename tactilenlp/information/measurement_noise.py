@@ -27,8 +27,6 @@ from formulations.names import (
     FINGER_OFFSET,
     FINGER_TURN,
     INDENTATION,
-    NORMAL_SCALE,
-    TOUCH_SCALE,
 )
 
 from ..data.contact_segments import rate_of
@@ -37,7 +35,7 @@ from ..errors import PageError
 from ..geometry.faces import KNOWN_FACE
 from ..geometry.transforms import rotate_back
 from ..nlp.kkt import KKTSystem
-from ..problem.fingertips import moved
+from ..problem.fingertips import moved, touch_scales
 from ..problem.job import Job
 
 DATUM_STEP = 1e-6  # [-] of a datum within DATA: of the central differences
@@ -181,12 +179,8 @@ def model_error(kkt, by_position, by_normal, job: Job, window) -> np.ndarray:
 
     by_position, by_normal: how the estimate moves with both, through the touches alone.
     """
-    parameters = kkt.problem.parameters
     k, data, precision = len(by_position), job.data, job.precision
-    touch, normal = (
-        float(kkt.data[parameters[name].span][0]) if name in parameters else 0.0
-        for name in (TOUCH_SCALE, NORMAL_SCALE)
-    )
+    touch, normal = touch_scales(kkt.problem, kkt.data) or (0.0, 0.0)
     gap = max(0.0, touch**2 - precision.position**2)
     turn = max(0.0, normal**2 - precision.normal**2)
     turn = min(turn, residual_of_normals(kkt, window) ** 2)

@@ -24,10 +24,11 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from formulations.ground_contact import REST
-from formulations.names import GROUND, NORMAL_SCALE
+from formulations.names import GROUND
 from formulations.rigid_body import ARM, LEAST_ARM
 
 from ..geometry.transforms import is_planar, matrices
+from ..problem.fingertips import touch_scales
 from .error_budget import errors_by_name, summed
 from .error_budget_terms import ANY_ROTATION, REACHED, UNEVEN
 from .linearisation import Linearisation
@@ -184,8 +185,8 @@ def _add_tip(C, linearisation, steps, over, height: float) -> None:
     push = window.push.pick(np.setdiff1d(np.arange(len(window.push)), window.unfelt))
     way = np.linalg.norm((push.p_wf - push.p_wf_1)[:, :3], axis=1)
     turn = way / np.maximum(push.p_wf[:, 2], push.radius)
-    scale = linearisation.kkt.problem.parameters.get(NORMAL_SCALE)
-    sigma = np.inf if scale is None else float(np.ravel(scale.value)[0])
+    kkt = linearisation.kkt
+    _, sigma = touch_scales(kkt.problem, kkt.data) or (np.inf, np.inf)
     tip, told, off, moved = 0.0, 3.0, 0.0, []
     for k in steps:
         now = push.step == k

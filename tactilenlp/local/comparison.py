@@ -12,6 +12,7 @@ import numpy as np
 from ..information.mixture import relabellings
 from ..problem.hypothesis import Hypothesis
 from ..tracking.surface import supports, trajectory_outline
+from ..tracking.tracks import YAW_CELL
 
 SAME_BODY = 1e-3  # [m] supports of one body agree this well
 COMPARED = (0, -1)  # samples at which bodies are compared: first, last
@@ -19,7 +20,6 @@ EVERY = 8  # samples of a trajectory that are compared
 # Starts that are far from each other (by trial on the shared boxes, as margins.py):
 FAR_APART = 4e-3  # [m] root mean square distance of trajectories that count as far
 FAR_BONUS = 6.0  # [nats] that a trajectory as far from those chosen may cost more
-OTHER_YAW = 0.15  # [rad] as wide as a proposal of the search
 HOPELESS_START = 25.0  # [nats] behind the best
 
 
@@ -46,15 +46,12 @@ def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
     """Return good hypotheses far from each other, every second one of another yaw.
 
     Places along a touched face alone would take all starts, and leave its edges none.
-    Yaws are others by OTHER_YAW, within the turns about the vertical that leave a body
-    the same.
     """
     several = far_apart(shape, hypotheses, count)
-    half = count - count // 2
-    far, others = several[:half], []
-    for h in sorted(hypotheses, key=lambda h: h.objective):
-        if h.objective < several[0].objective + HOPELESS_START:
-            others += of_other_yaw(shape, [h], [*far, *others])
+    far, most = several[: count - count // 2], several[0].objective + HOPELESS_START
+    good = sorted(hypotheses, key=lambda h: h.objective)
+    good = [h for h in good if h.objective < most]
+    others = of_other_yaw(shape, good, far)
     ids = {id(h) for h in (*far, *others)}
     rest = [*others, *(h for h in several if id(h) not in ids)]
     pairs = zip_longest(far, rest[: count - len(far)])
@@ -62,15 +59,18 @@ def diverse_starts(shape, hypotheses, count: int) -> list[Hypothesis]:
 
 
 def of_other_yaw(shape, hypotheses, known) -> list[Hypothesis]:
-    """Return hypotheses that end with a yaw of none of those that are known."""
-    turn = 2 * np.pi / len(relabellings(shape, upright=True))
-    yaw = np.array([h.x[2, -1] for h in known])
-    off = [np.abs((h.x[2, -1] - yaw + turn / 2) % turn - turn / 2) for h in hypotheses]
-    return [
-        h
-        for h, far in zip(hypotheses, off, strict=True)
-        if far.min(initial=np.pi) > OTHER_YAW
-    ]
+    """Return hypotheses that end with a yaw of none of those known, or before them.
+
+    Others differ by YAW_CELL, within the turns that leave an upright body the same.
+    """
+    turn, others = 2 * np.pi / len(relabellings(shape, upright=True)), []
+    yaws = [h.x[2, -1] for h in known]
+    for h in hypotheses:
+        off = (h.x[2, -1] - np.array(yaws) + turn / 2) % turn - turn / 2
+        if np.abs(off).min(initial=np.pi) > YAW_CELL:
+            others.append(h)
+            yaws.append(h.x[2, -1])
+    return others
 
 
 def far_apart(shape, hypotheses, count: int) -> list[Hypothesis]:

@@ -76,6 +76,17 @@ def unexplained(problem, window, x, data) -> np.ndarray:
     return cost > UNEXPLAINED * window.outlier_cost
 
 
+def touch_scales(problem, data) -> tuple[float, float] | None:
+    """Return the deviations of a touch on a page: gap [m], normal [rad]; None: no such.
+
+    data: the values of its parameters.
+    """
+    names = TOUCH_SCALE, NORMAL_SCALE
+    if not all(name in problem.parameters for name in names):
+        return None
+    return tuple(float(data[problem.parameters[name].span][0]) for name in names)
+
+
 def density_of_wrong_touches(problem, solution, window) -> float:
     """Return how much less probable [nats] wrong touches are than the objective says.
 
@@ -83,13 +94,12 @@ def density_of_wrong_touches(problem, solution, window) -> float:
     compare optima its density counts as well: any gap within ANYWHERE, any normal.  So
     the bound is higher, and what a touch costs without one follows from its cost.
     """
-    scales = [problem.parameters.get(name) for name in (TOUCH_SCALE, NORMAL_SCALE)]
-    if None in scales or TOUCH_TERM not in problem.costs:
+    x, data = solution.at(problem)
+    scales = touch_scales(problem, data)
+    if scales is None or TOUCH_TERM not in problem.costs:
         return 0.0
-    bound, cost = window.outlier_cost, problem.value(TOUCH_TERM, *solution.at(problem))
-    under = np.maximum(bound + np.logaddexp(0, -bound) - cost, np.finfo(float).eps)
-    unbounded = bound - np.log(np.expm1(under))
-    sigma, sigma_n = (float(np.ravel(scale.value)[0]) for scale in scales)
+    bound, (sigma, sigma_n) = window.outlier_cost, scales
+    cost = ca.DM(problem.value(TOUCH_TERM, x, data))
     right = np.sqrt(2 * np.pi) * sigma / ANYWHERE * sigma_n**2 / 2
-    told = np.array(sensing.mixture(ca.DM(unbounded), bound - np.log(right)))
-    return float((told - cost).sum())
+    alone = sensing.without_bound(cost, bound)
+    return float(ca.sum1(sensing.mixture(alone, bound - np.log(right)) - cost))

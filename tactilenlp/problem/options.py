@@ -26,7 +26,7 @@ class Options:
 
     hypotheses: [-], kept for an update; by default by the sensors' noise, as starts
     starts: [-], of the page, per estimate (NOISY_WIDTHS, PRECISE_WIDTHS; of a search
-        action by action DOUBTFUL_WIDTHS)
+        action by action DOUBTFUL_WIDTHS), from 2 on one more where the yaw is open
     tolerance: [-], of the optimality conditions of the last solve, scaled
     time_limit: [s], of all, compilation included, kept within 10 % or 1 s: actions not
         searched are extrapolated; the status says what was left out

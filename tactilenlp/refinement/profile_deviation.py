@@ -24,8 +24,8 @@ FIRST_STEP = 0.5e-3  # [m] at least
 MAX_STEP_GROWTH = 10.0  # [-] from step to step
 # [-] at least, once a straight line would have ended: else 30 more solves on a plateau
 PLATEAU_GROWTH = 1.5
-# [-] behind the rise, or after a steep one: far solves are slow (109 iterations, at 4
-# 216)
+# [-] behind the rise, or after a steep one: far solves are slow (109 iterations; 216
+# with 4)
 TAIL_GROWTH = 2.0
 # [-] of the rise at which a profile ends: where a step rises by so much, twice as much
 # as by the Hessian, it was too long; [-] steps that are near; [-] of the Hessian's rise

@@ -1,9 +1,8 @@
 """Search for shapes with sizes by multi-hypothesis tracking.
 
-Bodies that explain the first touch, a guess, or the posterior of what was solved before
-(a Gaussian mixture) are tracked through all samples by the package `tracking`.  What is
-returned starts the local solves: smoothed tracks, and optima of least motion from many
-of them (least_motion.py), each far from the others.
+Bodies that explain the first touch, a guess, or a posterior (a Gaussian mixture) are
+tracked through all samples by the package `tracking`.  Smoothed tracks, and optima of
+least motion from many (least_motion.py), far from each other, start the local solves.
 """
 
 from __future__ import annotations
@@ -146,9 +145,10 @@ class TrackingSearch:
         pairs = zip(tracks, optima, strict=False)  # the last tracks need not be solved
         alone = [replace(h, objective=rest.objective) for h, rest in pairs]
         starts += alone[: count - len(starts)]
-        most = min(h.rank for h in tracks) + 2 * DECISIVE
-        likely = [h for h, t in zip(alone, tracks, strict=False) if t.rank < most]
-        starts += of_other_yaw(shape, likely, starts)[: count > 1]  # an edge, say
+        if count > 1:  # beside faces an edge, say
+            most = min(h.rank for h in tracks) + 2 * DECISIVE
+            likely = [h for h, t in zip(alone, tracks, strict=False) if t.rank < most]
+            starts += of_other_yaw(shape, likely, starts)[:1]
         return self._keep(sorted(starts, key=lambda h: h.rank))
 
     def least_motion_optima(self) -> list[Hypothesis]:

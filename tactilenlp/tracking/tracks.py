@@ -171,10 +171,9 @@ def diverse(count: int, *cells) -> np.ndarray:
     best tracks, and in turn by the cells of each kind: only the next actions may tell
     whether a face or an edge was touched first, and where.
     """
-    number, kinds = cells[0].shape[1], 1 + len(cells)
-    kept = np.arange(number) < min(number, count) - count * len(cells) // kinds
-    for i, kind in enumerate(cells, 2):
-        places = min(number, count) - count * (kinds - i) // kinds - kept.sum()
+    best, *shares = (len(s) for s in np.array_split(range(count), 1 + len(cells)))
+    kept = np.arange(cells[0].shape[1]) < best
+    for kind, places in zip(cells, shares, strict=True):
         others = np.flatnonzero(~kept)
         order = np.argsort(_turns(kind)[others], kind="stable")
         kept[others[order[:places]]] = True
