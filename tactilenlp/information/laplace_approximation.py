@@ -77,8 +77,7 @@ def _of_sizes(response: Response, solved: Solved, faces, others) -> tuple:
     linearisation, tangent, C = response.linearisation, solved.tangent, response.hessian
     shape = solved.window.shape
     errors, at_bounds = errors_by_name(response), sizes_at_bounds(solved)
-    best = solved.optimum._replace(covariance=C)
-    optima = distinct_modes(shape, [best, *others])
+    optima = distinct_modes(shape, [solved.optimum, *others])
     modes = laplace_mixture(shape, optima, summed(errors))
     beyond = beyond_mixture(modes, linearisation, tangent, faces, solved.profile)
     if at_bounds.any():
