@@ -254,9 +254,25 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
     several may share, its factor, and where it is read.
     """
     rows, columns, factors, read = _joined(parts, 4)
-    keys = columns.astype(np.int64) * shape[0] + rows  # column by column, as CasADi's
-    places, target = np.unique(keys, return_inverse=True)
-    column, row = np.divmod(places, max(1, shape[0]))
+    row, column, target = distinct_places(rows, columns, shape)
     start = np.searchsorted(column, np.arange(shape[1] + 1))
     pattern = ca.Sparsity(*shape, start.tolist(), row.tolist())
     return pattern, (row, start), target, factors, read
+
+
+def distinct_places(rows, columns, shape: tuple[int, int]) -> tuple[np.ndarray, ...]:
+    """Return rows and columns of the distinct places, column by column, as CasADi's.
+
+    And which of them each given place is.  Small numbers are sorted by their digits, in
+    time linear in how many there are.
+    """
+    rows, columns = (np.asarray(k, np.int64) for k in (rows, columns))
+    small = np.min_scalar_type(max(shape))
+    order = np.argsort(rows.astype(small), kind="stable")
+    order = order[np.argsort(columns.astype(small)[order], kind="stable")]
+    row, column = rows[order], columns[order]
+    new = np.ones(len(order), bool)
+    new[1:] = (row[1:] != row[:-1]) | (column[1:] != column[:-1])
+    place = np.empty(len(order), np.intp)
+    place[order] = np.cumsum(new) - 1
+    return row[new], column[new], place

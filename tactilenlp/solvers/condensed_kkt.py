@@ -23,6 +23,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ..nlp.assembly import distinct_places
 from ..nlp.kkt import read_by_many
 from .bordered_ldl import BorderedLdl
 
@@ -53,17 +54,17 @@ class CondensedKkt:
         equation = n + (np.cumsum(equal) - 1)[self.jacobian_rows[self._tied]]
         whole = n + int(equal.sum())
         i, j = (self.jacobian_columns[k] for k in self._pairs)
-        rows = np.r_[hessian.row(), i, np.arange(whole), tied].astype(int)
-        columns = np.r_[hessian.get_col(), j, np.arange(whole), equation].astype(int)
-        places, self._place = np.unique(columns * whole + rows, return_inverse=True)
-        self._columns, self._rows = np.divmod(places, whole)
+        rows = np.r_[hessian.row(), i, np.arange(whole), tied]
+        columns = np.r_[hessian.get_col(), j, np.arange(whole), equation]
+        distinct = distinct_places(rows, columns, (whole, whole))
+        self._rows, self._columns, self._place = distinct
         self._diagonal = self._place[hessian.nnz() + len(i) :][:n]
         self._zero = np.zeros(hessian.nnz()), np.zeros(whole - n)
         many = read_by_many(np.bincount(np.r_[self._rows, self._columns]))
         border = many & (np.count_nonzero(many) >= LEAST_BORDER)
         border[n:] = border[tied] = True
         self._ldl = BorderedLdl(self._rows, self._columns, border, negative=whole - n)
-        self.size = len(places)
+        self.size = len(self._rows)
 
     def times(self, jacobian: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return J x, (m,); jacobian (k,): nonzeros of J."""
