@@ -11,7 +11,7 @@ from conftest import RECORDED, TOSSES
 
 from tactilenlp import Measurements
 
-OWN_TERMS = "09_add_a_term"  # is about functions: terms of a page
+OWN_TERMS = "07_add_a_term"  # is about functions: terms of a page
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
 TOSSED, ROBOT = EXAMPLES[6], EXAMPLES[7]
 SILENT = 2.0  # [CPU s] before the first line at most; a second on a machine at rest

@@ -1,6 +1,6 @@
 """Explore on a simulation of the paper's robot, through all its buses and cameras.
 
-    python examples/08_explore_on_the_robot.py [picture.png]
+    python examples/09_explore_on_the_robot.py [picture.png]
 
 It has four CAN buses, two cameras behind soft domes, and joint zeros that are wrong by
 about a degree: each tip is 3 to 5 mm from its reported position.  With a robot of your

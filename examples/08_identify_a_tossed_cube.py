@@ -1,6 +1,6 @@
 """Identify shape, friction and inertia of a cube from recorded tosses.
 
-    python examples/07_identify_a_tossed_cube.py [tosses.npz [picture.png]]
+    python examples/08_identify_a_tossed_cube.py [tosses.npz [picture.png]]
 
 No finger touches it: bounces inform about the corners, sliding about friction.  The
 shipped tosses are simulated (examples/data/make_tosses.py); a file of your own has
