@@ -1,6 +1,6 @@
 """Extend the default page: by a cube prior, by an eight-sided cone; compare sides.
 
-    python examples/07_add_a_term.py [picture.png]
+python examples/07_add_a_term.py [picture.png]
 """
 
 import sys
