@@ -8,10 +8,16 @@ and arms are those of its end.  With w = m g dt and the unknown x = x_{t+1}
 in x, y and yaw, in weights.  The impulses are in sliding_contact.py: complementarity
 and Coulomb's law, rounded over one speed s [m/s].
 
-F = 0 is solved by a fixed number of damped Newton steps while s falls to v_eps.  Where
-roots are noted (implicit.py), x is one; else its end and the slope A of F there are
-constants to any derivative, and each Newton step from there, x - A^-1 F(x, .), gives x
-one exact derivative with respect to all the rest: two steps, two derivatives.
+F = 0 is solved by a fixed number of steps while s falls to v_eps: those of Newton's
+method with the slope A of F, and of pseudo-transient continuation (Kelley and Keyes,
+SIAM J. Numer. Anal. 35, 1998), which bodies that fingers squeeze need,
+
+    (A + |F| / l) d = -F,        d of about l where A is small, Newton's at the root
+
+each by the length l that leaves least.  Where roots are noted (implicit.py), x is one;
+else its end and A there are constants to any derivative, and each Newton step from
+there, x - A^-1 F(x, .), gives x one exact derivative with respect to all the rest: two
+steps, two derivatives.
 
 A body that is pressed to the ground from above cannot give way, and so stays where it
 is or follows the finger; one that is squeezed stays between its fingers.  It cannot
@@ -34,8 +40,8 @@ from .sliding_contact import Pusher, drag, push
 STEP_V_EPS = 2e-3  # [m/s] rounds contact and friction: 0.07 mm in a step of 1/30 s
 LONGEST_STEP = 5e-3  # [m] of a Newton step
 FIRST_SPEED = 64e-3  # [m/s] the speed s at which Newton's steps begin
-EASING, LAST = 8, 7  # Newton steps while s falls, and at its value
-DAMPING = (1.0, 0.5)  # of a Newton step: the one that leaves less is taken
+EASING, LAST = 8, 14  # steps while s falls, and at its value
+LENGTHS = (1e-3, 1e-4)  # [m] l of pseudo-transient steps, besides Newton's
 EXACT_STEPS = 2  # Newton steps with exact derivatives, where they are written out
 GRAIN = 2.0**-50  # [m, rad] of a pose, [weights/m] of a slope, that are constants
 
@@ -115,16 +121,17 @@ def step_functions(body: Sliding, fingers: int):
     balance = ca.Function("balance", [x, s, *inputs], [F], cse)
     d = ca.inv_minor(A) @ F
     way = ca.sqrt(d[0] ** 2 + d[1] ** 2 + (ARM * d[2]) ** 2)
-    d *= ca.fmin(1, LONGEST_STEP / way)
-    ends = [x - share * d for share in DAMPING]
+    unit = ca.norm_2(F) * ca.diag([1, 1, ARM])  # of x in [m]
+    ends = [x - ca.fmin(1, LONGEST_STEP / way) * d]
+    ends += [x - ca.inv_minor(A + unit / length) @ F for length in LENGTHS]
     end = best(ends, [balance(x, s, *inputs) for x in ends])
     constant = cse | {"never_inline": True, "is_diff_out": [False]}
     slope = ca.Function("slope", [x, s, *inputs], [A], constant)
-    damped = ca.Function("damped", [x, s, *inputs], [end], constant)
+    nearer = ca.Function("nearer", [x, s, *inputs], [end], constant)
     x = symbols[1]
     for k in range(EASING + LAST):
         s = v_eps * ca.fmax(1, FIRST_SPEED / v_eps) ** max(0.0, 1 - k / EASING)
-        x = damped(x, s, *inputs)
+        x = nearer(x, s, *inputs)
     end_of = ca.Function("found", [v_eps, *inputs], [x], cse)
     return balance, slope, end_of
 

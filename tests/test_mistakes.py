@@ -150,7 +150,9 @@ def test_normals_where_nothing_touches_say_that_contact_is_inverted(data):
         replace(data, contact=~data.contact)
 
 
-def test_the_work_is_bounded(data, monkeypatch):
+def test_a_long_recording_is_checked_with_a_bounded_number_of_samples(
+    data, monkeypatch
+):
     # 47 changes of axes, twice; six units; two swaps; two fingers by 18 shifts; no
     # contact inverted: 139 likelihoods of at most MOST_SAMPLES samples.
     work = []

@@ -34,7 +34,7 @@ def recorded():
     )
 
 
-def test_no_noise_changes_nothing(recorded):
+def test_zero_noise_leaves_the_measurements_unchanged(recorded):
     assert add_noise(recorded, Noise(seed=9)) == recorded
 
 

@@ -72,7 +72,7 @@ def test_normals_that_turn_between_samples_are_refused_by_name(recorded):
     assert caught.value.next
 
 
-def test_lasting_touches_stay_what_they_are(slid):
+def test_outlier_rejection_keeps_lasting_touches(slid):
     found = without_outliers(slid, np.radians(5))
     assert (found.contact == slid.contact).all()
     felt = slid.contact & slid.valid

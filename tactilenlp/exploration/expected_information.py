@@ -3,7 +3,8 @@ r"""The expected information gain of an action about shape and final pose (eq:ei
 For every hypothesis, the planned fingers push the body forward (page `pushing`).  The
 derivatives of its motion by theta and x_T follow by the implicit function theorem.  The
 Fisher information of each sample (page `exploration`) is summed.  A gain is weighed by
-the probability that the body slides and does not tip (geometry/support.py).  In nats.
+the probability that the body slides and does not tip (geometry/support.py).
+Gains are in nats.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ def nearest_points(vertices, points) -> np.ndarray:
 def nearest_triangles(vertices, points) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (n, 3) [m] of a hull closest to given points outside.
 
-    And the indices (n, 3) of the vertices of the triangle on which each lies.
+    Also return the indices (n, 3) of the vertices of the triangle on which each lies.
     """
     import trimesh
 

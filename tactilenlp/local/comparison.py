@@ -1,4 +1,4 @@
-"""How two hypotheses are compared: the same body, or far from each other.
+"""Compare two hypotheses: whether they are the same body, and how far apart.
 
 They are the same body where their supports agree at the first and at the last pose.
 """

@@ -168,8 +168,8 @@ def solve_by_continuation(job: Job, solved: Solved) -> Solved | None:
 def after_soft_fingertips(job: Job, hypothesis: Hypothesis, levels=None) -> Solved:
     """Solve the page of rigid fingertips from where soft ones lead from a hypothesis.
 
-    Soft fingertips let go of touches that hold a body in a local optimum; where they
-    leave no body, without them.  levels: of rigid ones, by default those of the page.
+    With soft fingertips, touches that hold a body in a local optimum cost less.  If no
+    body is left, this step is omitted.  levels: of rigid ones, by default the page's.
     """
     soft = job.with_reductions(rigid=False)
     held = levels_of(soft)[:-1]  # the last one frees the compliance

@@ -263,8 +263,8 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
 def distinct_places(rows, columns, shape: tuple[int, int]) -> tuple[np.ndarray, ...]:
     """Return rows and columns of the distinct places, column by column, as CasADi's.
 
-    And which of them each given place is.  Small numbers are sorted by their digits, in
-    time linear in how many there are.
+    Also return which of them each given place is.  Small numbers are sorted by their
+    digits, in time linear in how many there are.
     """
     rows, columns = (np.asarray(k, np.int64) for k in (rows, columns))
     small = np.min_scalar_type(max(shape))

@@ -196,7 +196,7 @@ def vertices_near(samples, vertices, x) -> np.ndarray:
 def supporting_vertices(vertices, count: int) -> np.ndarray:
     """Return at least three and at most `count` vertices that carry the body.
 
-    Of the lowest ones those that span the largest area.
+    Of the lowest vertices, those that span the largest area are taken.
     """
     z = vertices[:, 2]
     low = np.nonzero(z <= max(LIFTED, np.sort(z)[2]))[0]

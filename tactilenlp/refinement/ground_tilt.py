@@ -1,4 +1,4 @@
-"""The tilt of the ground, by Newton steps from a solve on level ground.
+"""Estimate the tilt of the ground by Newton steps from level ground.
 
 A solve takes the ground as level, or as the scene or an earlier estimate says.  Where a
 Newton step on its tilt, which needs no solve (information/consider_parameters.py),

@@ -1,4 +1,4 @@
-"""The deviation of one unknown by its profile, as in profile_likelihood.py.
+"""Compute the deviation of one unknown from its profile likelihood.
 
 The page is solved again with one unknown held off its optimum by some steps [m], all
 else free.  A `Profile` chooses how far the steps go, and tells what deviation the rises

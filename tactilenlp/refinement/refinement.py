@@ -122,8 +122,8 @@ def far_behind(request, best: Solved) -> bool:
 def update_costs_too_much(request, best: Solved) -> bool:
     """Tell whether an update costs more than its new actions should.
 
-    Of a shape with sizes.  The posterior that it started from no longer contained the
-    right trajectory.
+    It applies to shapes with sizes.  The posterior from which the update started no
+    longer contains the right trajectory.
     """
     start, job = request.start, request.job
     if job.shape.of_vertices or not can_update(start, job):

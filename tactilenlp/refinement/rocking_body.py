@@ -1,4 +1,4 @@
-r"""Free motion of a body that rocks: where evidence favours it, how its solve starts.
+r"""Model selection between planar and free motion of a body that rocks.
 
 A planar optimum is close where a body tilts little.  Where touches still cost too much
 from there, the page is solved again, through its rough levels, from the tilts u (2,)
@@ -75,7 +75,7 @@ def explains_touches(solved: Solved) -> bool:
 def tilted_by_normals(flat: Solved) -> Hypothesis:
     """Return a planar optimum in free motion, tilted as the felt normals tell.
 
-    Its lowest corner stays on the ground.  Of a polytope: as it is.
+    Its lowest corner stays on the ground.  A polytope is returned unchanged.
     """
     shape = flat.job.shape
     if shape.of_vertices:

@@ -1,4 +1,4 @@
-"""How late sensors are, by Newton steps from a solve that takes them as prompt.
+"""Estimate the lags of contacts and normals by Newton steps (consider parameters).
 
 Contacts and normals are first taken as of their instant, or as late as the scene or an
 earlier estimate says, and normals as no later than contacts.  Where a Newton step on
@@ -37,7 +37,7 @@ LARGEST_LAG_STEP = 2.0  # [prior deviations] a Newton step has no end at a low c
 
 
 class Lag(NamedTuple):
-    """How late sensors are.
+    """One lag of the sensors: its field, its prior, its consider parameter.
 
     field: of Precision; deviation: of its prior [s]; consider(linearisation): the
     consider parameter of a further lag.
@@ -95,8 +95,8 @@ def _estimate_lag(name: str, lag: Lag, solves) -> list[Solved]:
 def lost_by_latency(job, best: Solved) -> bool:
     """Tell whether a search of the job may have lost the body for want of a latency.
 
-    It was found by the solve, which does not fit well with it either.  A job with a
-    hypothesis is not searched.
+    A solve found a latency that the search did not assume, and its fit is not good.  A
+    job with a hypothesis is not searched.
     """
     new = best.job.precision.latency > job.precision.latency == 0
     fits = best.fit is not None and best.fit.verdict == "good"

@@ -1,4 +1,4 @@
-"""Predicted motion of a body of unknown shape: quasi-static pushing where it is felt.
+"""Predict the motion of a body of unknown shape by quasi-static pushing.
 
 Paths through a new action are predicted for drawn centres of mass and supports, each a
 hypothesis of its own; along a path that was found, the motion of every step, for the
@@ -89,7 +89,7 @@ def resting_path(size: float, touch, faces, samples: int):
 def behind_touch(size, touch, rng) -> tuple[np.ndarray, np.ndarray]:
     """Return places (2, PATHS) [m] of the centre of mass behind the first touch.
 
-    And the cost (PATHS,) [nats] of each.
+    Also return the cost (PATHS,) [nats] of each place.
     """
     (mean, deviation), across = size, touch.normal[0, :2]
     way = mean + deviation * rng.normal(size=PATHS)
@@ -104,7 +104,8 @@ def behind_touch(size, touch, rng) -> tuple[np.ndarray, np.ndarray]:
 def with_pushes(job, window, x, centre=(0.0, 0.0)):
     """Return a window, with the motion that pushes cause along a path x (3, T).
 
-    centre (2,) [m]: of mass, in the body's frame.  Where a body floats, none.
+    centre (2,) [m]: of mass, in the body's frame.  Without a ground the window is
+    returned unchanged.
     """
     if job.scene.ground is None:
         return window

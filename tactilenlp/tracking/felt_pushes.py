@@ -1,4 +1,4 @@
-"""Predict how fingers push a body of unknown shape, which is known where it is felt.
+"""Predict quasi-static pushing of a body of unknown shape from measured contacts.
 
 Quasi-static pushing asks of a body for the point and the normal of each contact, for
 its centre of mass and for the width of its support (pushing.py).  The first two are
