@@ -118,9 +118,9 @@ class Fit:
 
     verdict: "good", "poor" or "bad"; terms: the Misfit of each likelihood term by name,
     of physics and of the largest motion between two actions; touches: of each finger in
-    each action, the worst first; widening: factor of all standard deviations; doubt:
-    what else makes it "poor"; suspected: a mistake in the data that may be why.
-    actual, expected, spread [nats]: of the likelihood.
+    each action, the worst first; widening: the Birge ratio, by which all standard
+    deviations are multiplied; doubt: what else makes it "poor"; suspected: a mistake in
+    the data that may be why.  actual, expected, spread [nats]: of the likelihood.
     """
 
     verdict: str

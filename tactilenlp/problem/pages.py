@@ -12,6 +12,7 @@ from typing import Protocol
 
 from formulations.ellipsoid import ELLIPSOID
 from formulations.finger_offset import displaced
+from formulations.level import Level
 from formulations.names import EXACT, RESPONSE
 from formulations.page_contract import INHERITED, NO_REDUCTIONS, contract_of
 from formulations.polytope import polytope
@@ -87,7 +88,7 @@ def _check_page(page) -> None:
             )  # fmt: skip
     levels = page.LEVELS
     listed = isinstance(levels, (tuple, list)) and len(levels) > 0
-    if not (listed and all(hasattr(k, "with_ipopt") for k in levels)):
+    if not (listed and all(isinstance(k, Level) for k in levels)):
         raise OptionError(
             "a page needs levels", where="formulation.LEVELS", got=_short(levels),
             expected="a tuple of formulations.level.Level, at least one",

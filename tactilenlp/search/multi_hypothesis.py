@@ -24,7 +24,7 @@ from ..local.margins import DECISIVE
 from ..problem.fingertips import as_spheres
 from ..problem.hypothesis import UNSEARCHED, Hypothesis
 from ..problem.job import Job
-from ..tracking.carried import carried_away, with_carried
+from ..tracking.carried import was_carried, with_carried
 from ..tracking.initial_states import (
     DRAWN,
     body_height,
@@ -261,7 +261,7 @@ def _tracked_actions(job, ekf, kept, keep, carried: bool) -> _Run | None:
                 last = last.selected(parents)
             tracks, more = tracks_after(ekf, run.tracks, rows, rng, begun)
             sought = after_gap and job.search.may_be_carried and not carried
-            if sought and carried_away(ekf, run.tracks, tracks, rows):
+            if sought and was_carried(ekf, run.tracks, tracks, rows):
                 return None
             run = _Run(past, int(rows[-1]) + 1, tracks, (*steps, last, *more))
             words = "searched %d of %d actions: %d tracks, the best of %.1f nats"

@@ -27,7 +27,7 @@ FARTHEST_PLACE = 20.0  # [REACH] of a place without a touch
 PLACES = 2  # of each track, one per naming of the horizontal sides
 
 
-def carried_away(ekf: KalmanFilter, before: Tracks, after: Tracks, samples) -> bool:
+def was_carried(ekf: KalmanFilter, before: Tracks, after: Tracks, samples) -> bool:
     """Tell whether an action is explained better by a body that was carried.
 
     before, after: the tracks without and with the samples of the action.

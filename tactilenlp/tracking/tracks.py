@@ -135,13 +135,13 @@ def draw_presses(fingers, S, rng):
 
 
 def surviving(tracks):
-    """Return the tracks that are not hopeless, if many are; None: all go on."""
+    """Prune tracks: return those within HOPELESS nats of the best, None if most are."""
     rows = np.flatnonzero(tracks.evidence > tracks.evidence.max() - HOPELESS)
     return rows if len(rows) < MOST_KEPT * tracks.z.shape[1] else None
 
 
 def split_tracks(ekf, tracks, final, rng):
-    """Return the best distinct tracks, each with parts of it, and whose parts."""
+    """Select distinct tracks; return them split (Gaussian mixture), and from which."""
     order = np.argsort(-tracks.evidence, kind="stable")
     order = order[np.isfinite(tracks.P[..., order]).all(axis=(0, 1))]
     if not len(order):
@@ -165,7 +165,7 @@ def split_tracks(ekf, tracks, final, rng):
 
 
 def diverse(count: int, *cells) -> np.ndarray:
-    """Return which tracks are kept, of tracks in the order of their evidence.
+    """Stratified selection: return which of tracks, ordered by evidence, are kept.
 
     cells (k, S): whole numbers, each column a cell.  The places are shared alike by the
     best tracks, and in turn by the cells of each kind: only the next actions may tell
