@@ -13,7 +13,7 @@ from tactilenlp import Measurements
 
 OWN_TERMS = "07_add_a_term"  # is about functions: terms of a page
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
-TOSSED, ROBOT = EXAMPLES[6], EXAMPLES[7]
+TOSSED, ROBOT = EXAMPLES[7], EXAMPLES[8]
 SILENT = 2.0  # [CPU s] before the first line at most; a second on a machine at rest
 LONGEST = 60  # [lines] of an example, so that it is read in one go
 
