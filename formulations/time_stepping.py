@@ -14,10 +14,10 @@ SIAM J. Numer. Anal. 35, 1998), which bodies that fingers squeeze need,
 
     (A + |F| / l) d = -F,        d of about l where A is small, Newton's at the root
 
-each by the length l that leaves least.  Where roots are noted (implicit.py), x is one;
-else its end and A there are constants to any derivative, and each Newton step from
-there, x - A^-1 F(x, .), gives x one exact derivative with respect to all the rest: two
-steps, two derivatives.
+with yaw counted at ARM; taken is the step that leaves least.  Where roots are noted
+(implicit.py), x is one; else its end and A there are constants to any derivative, and
+each Newton step from there, x - A^-1 F(x, .), gives x one exact derivative with respect
+to all the rest: two steps, two derivatives.
 
 A body that is pressed to the ground from above cannot give way, and so stays where it
 is or follows the finger; one that is squeezed stays between its fingers.  It cannot
@@ -119,11 +119,11 @@ def step_functions(body: Sliding, fingers: int):
     F = body.imbalance(x, s, *symbols, *pushers)
     A = ca.densify(ca.jacobian(F, x))
     balance = ca.Function("balance", [x, s, *inputs], [F], cse)
-    d = ca.inv_minor(A) @ F
-    way = ca.sqrt(d[0] ** 2 + d[1] ** 2 + (ARM * d[2]) ** 2)
-    unit = ca.norm_2(F) * ca.diag([1, 1, ARM])  # of x in [m]
-    ends = [x - ca.fmin(1, LONGEST_STEP / way) * d]
-    ends += [x - ca.inv_minor(A + unit / length) @ F for length in LENGTHS]
+    in_metres = ca.diag([1, 1, ARM])  # of a step of x
+    newton, size = ca.inv_minor(A) @ F, ca.norm_2(F) * in_metres
+    share = ca.fmin(1, LONGEST_STEP / ca.norm_2(in_metres @ newton))
+    ends = [x - share * newton]
+    ends += [x - ca.inv_minor(A + size / length) @ F for length in LENGTHS]
     end = best(ends, [balance(x, s, *inputs) for x in ends])
     constant = cse | {"never_inline": True, "is_diff_out": [False]}
     slope = ca.Function("slope", [x, s, *inputs], [A], constant)

@@ -12,8 +12,10 @@ from conftest import RECORDED, TOSSES
 from tactilenlp import Measurements
 
 OWN_TERMS = "07_add_a_term"  # is about functions: terms of a page
-EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("0*.py"))
-TOSSED, ROBOT = EXAMPLES[7], EXAMPLES[8]
+FOLDER = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = sorted(FOLDER.glob("0*.py"))
+TOSSED = FOLDER / "08_identify_a_tossed_cube.py"
+ROBOT = FOLDER / "09_explore_on_the_robot.py"
 SILENT = 2.0  # [CPU s] before the first line at most; a second on a machine at rest
 LONGEST = 60  # [lines] of an example, so that it is read in one go
 

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
+from formulations.shape import CUBOID
 from tactilenlp.geometry.tipping import QUARTER_TURN, Tip, planar_to_free
 from tactilenlp.geometry.transforms import matrices, rotvecs
 from tactilenlp.problem.hypothesis import Hypothesis
+from tactilenlp.problem.poses import body_corners
 from tactilenlp.search.proposals_tumble import Tumble, _less_deep
 
 SIZES, STOOD = np.array([0.05, 0.04, 0.03]), np.array([0.1, -0.2, 0.4])
 ANGLE = np.r_[np.linspace(0, QUARTER_TURN, 7), QUARTER_TURN]
-SIGNS = np.indices((2, 2, 2)).reshape(3, 8).T * 2 - 1
 
 
 def tumble(axis=0, side=1.0):
@@ -25,7 +26,8 @@ def tumble(axis=0, side=1.0):
 
 def corners(theta, x):
     """Return the corners (T, 8, 3) [m] of a box, sorted at every sample."""
-    places = (matrices(x) @ (SIGNS * theta / 2).T + x[:3].T[:, :, None]).swapaxes(1, 2)
+    q = body_corners(CUBOID, theta).T
+    places = (matrices(x) @ q + x[:3].T[:, :, None]).swapaxes(1, 2)
     return np.array([sorted(map(tuple, each.round(9))) for each in places])
 
 

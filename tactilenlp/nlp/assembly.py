@@ -263,16 +263,22 @@ def _scattered(parts, shape: tuple[int, int]) -> tuple:
 def distinct_places(rows, columns, shape: tuple[int, int]) -> tuple[np.ndarray, ...]:
     """Return rows and columns of the distinct places, column by column, as CasADi's.
 
-    Also return which of them each given place is.  Small numbers are sorted by their
-    digits, in time linear in how many there are.
+    Also return which of them each given place is.
     """
     rows, columns = (np.asarray(k, np.int64) for k in (rows, columns))
-    small = np.min_scalar_type(max(shape))
-    order = np.argsort(rows.astype(small), kind="stable")
-    order = order[np.argsort(columns.astype(small)[order], kind="stable")]
+    order = order_by_column(rows, columns, max(shape))
     row, column = rows[order], columns[order]
     new = np.ones(len(order), bool)
     new[1:] = (row[1:] != row[:-1]) | (column[1:] != column[:-1])
     place = np.empty(len(order), np.intp)
     place[order] = np.cumsum(new) - 1
     return row[new], column[new], place
+
+
+def order_by_column(rows, columns, size: int) -> np.ndarray:
+    """Return the order of places column by column; size: above all numbers.
+
+    Integers of 16 bits are sorted by their digits, in time linear in how many they are.
+    """
+    small = np.min_scalar_type(size)
+    return np.lexsort((rows.astype(small), columns.astype(small)))

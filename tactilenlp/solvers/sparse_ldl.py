@@ -14,6 +14,7 @@ from importlib.resources import files
 import casadi as ca
 import numpy as np
 
+from ..nlp.assembly import order_by_column
 from ..nlp.codegen import library
 
 SOURCE = "sparse_ldl.c"
@@ -35,7 +36,7 @@ class SparseLdl:
         place[self._order] = np.arange(n)
         i, j = place[rows], place[columns]
         i, j = np.minimum(i, j), np.maximum(i, j)
-        self._from = np.lexsort((i, j))  # of a place in the ordered upper triangle
+        self._from = order_by_column(i, j, n)  # of the ordered upper triangle
         upper = ca.Sparsity.triplet(n, n, i.tolist(), j.tolist())
         self.n = n
         method = _Casadi if _functions() is None else _Compiled
