@@ -9,6 +9,7 @@ import pytest
 from tactilenlp import Estimate, Exploration, problem_of
 from tactilenlp.common.brief import COLUMNS, LINES, brief, same_content
 from tactilenlp.exploration.log import Step
+from tactilenlp.output.summary import untouched_in_words
 
 
 @dataclass(frozen=True)
@@ -99,3 +100,18 @@ def test_the_summary_begins_with_the_article_of_the_shape(touched):
     assert touched.summary().startswith("A cuboid of ")
     other = replace(touched, shape="ellipsoid")
     assert other.summary().startswith("An ellipsoid of ")
+
+
+def test_the_summary_tells_in_which_last_actions_nothing_was_touched(estimate):
+    data, last = estimate.measurements, estimate.measurements.action[-1]
+
+    def until(action) -> list[str]:
+        felt = data.contact & (data.action <= action)[:, None]
+        normal = np.where(felt[..., None], data.normal, 0.0)
+        return list(untouched_in_words(replace(data, contact=felt, normal=normal)))
+
+    assert until(last) == []
+    (sentence,) = until(last - 1)
+    assert f"in action {last}: the last pose is that after action" in sentence
+    (sentence,) = until(last - 2)
+    assert f"in actions {last - 1} to {last}: " in sentence

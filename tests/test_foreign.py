@@ -81,6 +81,36 @@ def test_contact_is_reported_late_where_the_sensors_are_late(foreign):
     assert 0.06 - 1 / 30 <= late <= 0.06 + 1 / 30  # a sample is 1/30 s
 
 
+@pytest.mark.parametrize("name", ["straight", "arc", "stopped", "twice", "aside"])
+def test_a_path_begins_at_its_start_and_is_no_faster_than_told(foreign, name):
+    from foreign_paths import STEP, reference
+
+    start, aim = np.zeros((2, 3)), np.array([[1.0, 0, 0], [0, -2.0, 0]])
+    path = np.array([reference(name, start, aim, t, 0.05) for t in range(3000)])
+    np.testing.assert_array_equal(path[0], start)
+    speed = np.linalg.norm(np.diff(path, axis=0), axis=-1) / STEP
+    assert speed.max() < 0.05 * (1 + 1e-9)
+    assert speed[:900] == pytest.approx(0.05)  # until it turns or stops
+    # At first all go straight ahead.
+    np.testing.assert_allclose(path[3], aim / [[1], [2]] * 0.15 * STEP, atol=1e-7)
+
+
+def test_as_many_fingers_push_as_the_world_has(foreign):
+    true = foreign.recorded(foreign.Box(0), foreign.ForeignWorld(fingers=3), 1)
+    assert true["contact"].any(axis=0).all()
+    assert true["finger_position"].shape[1:] == (3, 3)
+
+
+def test_a_body_is_bumped_before_it_is_touched(foreign):
+    places = []
+    for bumped in (0.0, 0.5):
+        world = foreign.ForeignWorld(bumped=bumped, fingers=1, duration=0.7)
+        places.append(foreign.recorded(foreign.Box(0), world, 1)["object_position"])
+    at = np.linalg.norm(places[1] - places[0], axis=1)
+    assert not at[:15].any()
+    assert at[-1] > 5e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("box", "actions"), [(2108, 3), (2021, 6)])
 def test_a_box_that_was_first_touched_at_an_edge_is_found(foreign, box, actions):
@@ -95,7 +125,7 @@ def test_a_box_that_was_first_touched_at_an_edge_is_found(foreign, box, actions)
 
 
 def test_edges_are_rounded_and_faces_stay_where_they_are(foreign):
-    from foreign_world import rounded
+    from foreign_model import rounded
 
     sides, radius = np.array([0.03, 0.04, 0.05]), 3e-3
     points = rounded(sides, radius)

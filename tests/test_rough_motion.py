@@ -27,6 +27,8 @@ from tactilenlp.tracking.process_noise import PROCESS_NOISE_FACTOR
 from tactilenlp.tracking.tracking import predicted_tracks, tracks_after
 from tactilenlp.tracking.tracks import filter_of
 
+STEPS = 12  # of the body in one action
+
 
 @pytest.fixture(scope="module")
 def request_of_one_action(recorded):
@@ -126,7 +128,7 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
         physics = {} if soft else {PHYSICS_ROW: Misfit(balance, 2.0, 1.0)}
         best = SimpleNamespace(
             job=job, solution=solution, problem=problem,
-            window=SimpleNamespace(gap=[1, 2]),
+            window=SimpleNamespace(gap=[1, 2], step=range(STEPS)),
             fit=SimpleNamespace(verdict=verdict, terms=physics),
         )  # fmt: skip
         return refinement.fits_badly(request, best, least)
@@ -143,10 +145,10 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
-    moved, balance = 0.0, 0.99 * (DECISIVE + PHYSICS_SHARE)  # of one action
+    moved, balance = 0.0, 0.99 * (DECISIVE + STEPS * PHYSICS_SHARE)
     assert not searched(asked)
     assert searched(asked, least=DOUBTFUL)
-    balance = 1.01 * (DECISIVE + PHYSICS_SHARE)
+    balance = 1.01 * (DECISIVE + STEPS * PHYSICS_SHARE)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
     assert not searched(asked, precision=Precision(1e-3, 0.1))

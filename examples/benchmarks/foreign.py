@@ -44,7 +44,8 @@ def measured(
     chosen = DEPARTURES[departure][strength].of(number)
     if file is None:
         world = ForeignWorld(**chosen.world)
-        true = recorded(body(number, world.scale, world.radius), world, actions)
+        factors = world.scale, world.radius, world.mass, world.friction
+        true = recorded(body(number, *factors), world, actions)
         data, scene = told_of(true)
     else:
         true, data, scene = np.load(file), Measurements.load(file), Scene.load(file)

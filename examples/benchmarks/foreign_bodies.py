@@ -1,4 +1,4 @@
-"""Boxes and hulls of random sizes, and where two fingers push them."""
+"""Boxes and hulls of random sizes, and where fingers push them."""
 
 from dataclasses import dataclass
 
@@ -21,21 +21,24 @@ DIRECTIONS, HALF_AXES = 14, (0.018, 0.028)  # points of an irregular hull; [m]
 class Box:
     """A box, its pushes and what is told of it: all drawn from one number.
 
-    scale: factor of its sides; radius: [m] of the fingertips that push it; points
-    (V, 3) [m]: the vertices of a hull, None of a box.
+    scale: factor of its sides; radius: [m] of the fingertips that push it; mass_factor,
+    friction_factor: of its mass and both its frictions; points (V, 3) [m]: the vertices
+    of a hull, None of a box.
     """
 
     number: int
     scale: float = 1.0
     radius: float = 0.01
+    mass_factor: float = 1.0
+    friction_factor: float = 1.0
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng([2028, self.number])
         draw = {
             "sides": self.scale * rng.uniform(*SIDES),
-            "mass": float(rng.uniform(0.2, 0.7)),
-            "ground": float(rng.uniform(0.3, 0.5)),
-            "finger": float(rng.uniform(0.4, 0.75)),
+            "mass": self.mass_factor * float(rng.uniform(0.2, 0.7)),
+            "ground": self.friction_factor * float(rng.uniform(0.3, 0.5)),
+            "finger": self.friction_factor * float(rng.uniform(0.4, 0.75)),
             "yaw": float(rng.uniform(0, 2 * np.pi)),
             "points": None,
         }
@@ -53,20 +56,21 @@ class Box:
         a, b, c = self.sides**2
         return self.mass / 12 * np.diag([b + c, a + c, a + b])
 
-    def pushes(self, rng, centre, heights, above=0.0):
-        """Return where an action's two fingers start and where they aim (2, 3) [m]."""
+    def pushes(self, rng, centre, heights, above=0.0, count=2):
+        """Return where an action's fingers start and where they aim (F, 3) [m]."""
         heading = rng.uniform(0, 2 * np.pi)
         angles = heading + np.array([0, np.pi + rng.normal(0, OPPOSITE)])
+        if count != 2:
+            angles = heading + 2 * np.pi / count * np.arange(count)
         ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        out = (
-            np.linalg.norm(self.sides[:2]) / 2 + self.radius + rng.uniform(NEAR, FAR, 2)
-        )
+        far = rng.uniform(NEAR, FAR, count)
+        out = np.linalg.norm(self.sides[:2]) / 2 + self.radius + far
         low = self.radius + 1e-3
-        z = np.maximum(rng.uniform(*heights, 2) * self.sides[2], low)[:, None]
-        aim = centre[:2] + rng.normal(0, AIM, (2, 2))
+        z = np.maximum(rng.uniform(*heights, count) * self.sides[2], low)[:, None]
+        aim = centre[:2] + rng.normal(0, AIM, (count, 2))
         start = np.hstack([centre[:2] + ways * out[:, None], z])
         if above:
-            down = rng.uniform(0, above, 2)[:, None]
+            down = rng.uniform(0, above, count)[:, None]
             start[:, :2] -= (1 - np.cos(down)) * ways * out[:, None]
             start[:, 2:] += np.sin(down) * (out[:, None] + self.sides[2])
         return start, np.hstack([aim, z])

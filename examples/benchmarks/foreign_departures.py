@@ -138,6 +138,12 @@ DEPARTURES: dict[str, dict[str, Departure]] = {
     "wall": of_world("wall", **{"5 mm": 5e-3}),
     "torsion": of_world("torsion", **{"10 mm": 10e-3}),
     "from above": of_world("above", **{"0.5 rad": 0.5, "1.2 rad": 1.2}),
+    "path": of_world("path", **{p: p for p in ("arc", "stopped", "twice", "aside")}),
+    "duration": of_world("duration", **{"0.5 s": 0.5, "3 s": 3.0}),
+    "fingers": of_world("fingers", **{"1": 1, "3": 3, "5": 5}),
+    "mass": of_world("mass", **{"x0.1": 0.1, "x4": 4.0}),
+    "frictions": of_world("friction", **{"x0.2": 0.2, "x2": 2.0}),
+    "bumped": of_world("bumped", **{"50 mm/s": 0.05}),
     "mass told": {f"x{by:g}": Departure(told={"mass": by}) for by in (0.5, 2.0)},
     "frictions told": {
         f"x{by:g}": Departure(told=dict.fromkeys(FRICTIONS, by)) for by in (0.5, 2.0)

@@ -1,9 +1,9 @@
 """Record boxes and hulls in plain MuJoCo, in worlds unlike the estimator's.
 
 `recorded(box, world)` returns the arrays of a recording, in the layout of the README.
-Two servo-driven spheres push a box, one second an action.  A `ForeignWorld` says how it
-departs from the estimator's assumptions; its defaults are stiff contacts and low
-pushes, which the estimator's model describes.
+Servo-driven spheres push a box.  A `ForeignWorld` says how it departs from the
+estimator's assumptions; its defaults are two fingers, actions of a second, stiff
+contacts and low pushes, which the estimator's model describes.
 """
 
 from dataclasses import dataclass
@@ -11,18 +11,16 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from foreign_bodies import Box
+from foreign_model import model_of
+from foreign_paths import STEP, reference
 from scipy.spatial.transform import Rotation
 
 from tactilenlp import Measurements, Scene
 
-STEP = 1 / 3000  # [s] of MuJoCo
-TIP_MASS = 0.05  # [kg] of a fingertip
-DURATION = 1.0  # [s] of an action
 REST = 0.5  # [s] between actions, in which the fingers are away
+BUMPED_AT = 0.5  # [s] after the begin of an action
 LIFTED = 1.0  # [m] their height then
-MAX_FORCE = 4.0  # [N] of a servo
 AVERAGED = 30  # steps (10 ms) of the mean force that is felt
-FINGERS = 2
 STIFF = "0.002 1", "0.99 0.999 0.001"  # solref, solimp of MuJoCo
 DEFAULT = "0.02 1", "0.9 0.95 0.001 0.5 2"
 GEL = "0.03 1", "0.7 0.95 0.005 0.5 2"
@@ -53,6 +51,12 @@ class ForeignWorld:
     radius:    [m] of the fingertips
     wall:      [m] between the box's circle and an upright wall that nobody tells of
     torsion:   [m] of MuJoCo's torsional friction between box and ground
+    path:      of the fingers' references, one of foreign_paths.PATHS
+    duration:  [s] of an action
+    fingers:   how many there are
+    mass:      factor of the body's mass, which the estimator is told
+    friction:  factor of both frictions, which the estimator is told
+    bumped:    [m/s] by which something unseen pushes the body once an action
     """
 
     contact: tuple[str, str] = STIFF
@@ -75,13 +79,19 @@ class ForeignWorld:
     radius: float = 0.01
     wall: float = 0.0
     torsion: float = 0.0
+    path: str = "straight"
+    duration: float = 1.0
+    fingers: int = 2
+    mass: float = 1.0
+    friction: float = 1.0
+    bumped: float = 0.0
 
 
 class Simulation:
-    """A box on the ground and two fingertips, stepped by MuJoCo."""
+    """A box on the ground and fingertips, stepped by MuJoCo."""
 
     def __init__(self, box: Box, world: ForeignWorld):
-        self.box, self.world = box, world
+        self.box, self.world, self.count = box, world, world.fingers
         self.model = mujoco.MjModel.from_xml_string(model_of(box, world))
         self.data = mujoco.MjData(self.model)
         tilted = Rotation.from_euler("x", world.tilt, degrees=True)
@@ -101,12 +111,14 @@ class Simulation:
     @property
     def fingers(self) -> np.ndarray:
         """The centres of the fingertips (2, 3) [m]."""
-        return self.data.qpos[7:].reshape(FINGERS, 3).copy()
+        return self.data.qpos[7:].reshape(-1, 3).copy()
 
     def lift(self) -> None:
         """Take the fingers away."""
         self.place(
-            np.c_[np.arange(FINGERS), np.zeros(FINGERS), np.full(FINGERS, LIFTED)]
+            np.c_[
+                np.arange(self.count), np.zeros(self.count), np.full(self.count, LIFTED)
+            ]
         )
 
     def place(self, position) -> None:
@@ -117,7 +129,7 @@ class Simulation:
     def hold(self, duration: float) -> None:
         """Step for a duration [s] while the fingers' references stay."""
         for _ in range(round(duration / STEP)):
-            self.step(self.data.ctrl.reshape(FINGERS, 3))
+            self.step(self.data.ctrl.reshape(-1, 3))
 
     def carry(self, rng) -> None:
         """Move the box over the ground by hand, and turn it."""
@@ -130,11 +142,17 @@ class Simulation:
         self.data.qpos[3:7] = turned.as_quat(scalar_first=True)
         self.data.qvel[:6] = 0.0
 
+    def bump(self, rng) -> None:
+        """Give the body a velocity across the ground, in any direction."""
+        heading = rng.uniform(0, 2 * np.pi)
+        way = np.array([np.cos(heading), np.sin(heading)])
+        self.data.qvel[:2] += self.world.bumped * way
+
     def step(self, reference) -> None:
         """Step with a reference (2, 3) [m] of the fingers."""
         self.data.ctrl[:] = np.ravel(reference)
         if self.world.by_face:
-            self.model.geom_friction[-FINGERS:, 0] = self.box.finger * self.share()
+            self.model.geom_friction[-self.count :, 0] = self.box.finger * self.share()
         mujoco.mj_step(self.model, self.data)
         self.felt.append(self.forces())
 
@@ -143,12 +161,12 @@ class Simulation:
         turn = Rotation.from_quat(self.pose[3:], scalar_first=True)
         p = turn.inv().apply(self.fingers - self.pose[:3]) / self.box.sides
         axis = np.abs(p).argmax(axis=1)
-        return self._faces[axis, (p[np.arange(FINGERS), axis] > 0).astype(int)]
+        return self._faces[axis, (p[np.arange(self.count), axis] > 0).astype(int)]
 
     def forces(self) -> np.ndarray:
         """Return normal force times outward normal of each finger (2, 3) [N]."""
-        out, wrench = np.zeros((FINGERS, 3)), np.zeros(6)
-        first = self.model.ngeom - FINGERS
+        out, wrench = np.zeros((self.count, 3)), np.zeros(6)
+        first = self.model.ngeom - self.count
         for k in range(self.data.ncon):
             contact = self.data.contact[k]
             pair = sorted(contact.geom)
@@ -173,25 +191,26 @@ class Simulation:
 def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarray]:
     """Return the arrays of a recording: measurements, scene and truth."""
     rng = np.random.default_rng([2029, box.number])
-    simulation, rows, reference = Simulation(box, world), [], None
+    simulation, rows, at = Simulation(box, world), [], None
     every = round(1 / (world.rate * STEP))
     for action in range(actions):
-        start, aim = box.pushes(rng, simulation.pose[:3], world.heights, world.above)
+        centre = simulation.pose[:3]
+        start, aim = box.pushes(rng, centre, world.heights, world.above, world.fingers)
         if world.touching and action % 2:
-            start = reference
+            start = at
         else:
             simulation.lift()
             if action:
                 simulation.carry(rng)
             simulation.hold(REST)
             simulation.place(start)
-        ahead = aim - start
-        ahead *= world.speed / np.maximum(np.linalg.norm(ahead, axis=1), 1e-9)[:, None]
-        for k in range(round(DURATION / STEP)):
+        for k in range(round(world.duration / STEP)):
             if k % every == 0:
                 rows.append(row_of(simulation, action))
-            reference = start + ahead * k * STEP
-            simulation.step(reference)
+            at = reference(world.path, start, aim, k, world.speed)
+            if world.bumped and k == round(BUMPED_AT / STEP):
+                simulation.bump(rng)
+            simulation.step(at)
     columns = map(np.array, zip(*rows, strict=True))
     names = ("time", "action", "finger_position", "contact", "normal",
              "object_position", "object_quaternion")  # fmt: skip
@@ -202,7 +221,7 @@ def recorded(box: Box, world: ForeignWorld, actions: int) -> dict[str, np.ndarra
         arrays["vertices"] = box.points
     return arrays | {
         "valid": np.ones_like(arrays["contact"]),
-        "finger_radius": np.full(FINGERS, world.radius),
+        "finger_radius": np.full(world.fingers, world.radius),
         "mass": box.mass, "friction_ground": box.ground, "friction_finger": box.finger,
     }  # fmt: skip
 
@@ -219,74 +238,3 @@ def row_of(simulation: Simulation, action: int) -> tuple:
     pose, reading = simulation.pose, simulation.reading()
     fingers = simulation.fingers
     return simulation.data.time, action, fingers, *reading, pose[:3], pose[3:]
-
-
-def model_of(box: Box, world: ForeignWorld) -> str:
-    """Return MuJoCo's XML of box, ground and fingertips."""
-    moments, points = box.inertia, box.points
-    inertia = f'diaginertia="{text(np.diag(moments))}"'
-    if points is not None:
-        products = moments[[0, 0, 1], [1, 2, 2]]
-        inertia = f'fullinertia="{text(np.r_[np.diag(moments), products])}"'
-    body, mesh = f'type="box" size="{text(box.sides / 2)}"', ""
-    if world.edge and points is None:
-        points = rounded(box.sides, world.edge)
-    if points is not None:
-        body = 'type="mesh" mesh="box"'
-        mesh = (
-            f'<asset><mesh name="box" inertia="exact" vertex="{text(points)}"/></asset>'
-        )
-    soft = 'solref="{}" solimp="{}"'.format
-    mu = box.ground * (1 + world.by_direction * np.array([1, -1]))
-    contact = 4 if world.torsion else 3
-    away, wall = world.wall + np.linalg.norm(box.sides[:2]) / 2, ""
-    if world.wall:
-        wall = f"""<geom type="plane" size="1 1 1" pos="{away} 0 0" euler="0 -90 0"
-            friction="0.3 0 0"/>"""
-    tips, servos = fingers_of(box, world, soft)
-    return f"""<mujoco><option timestep="{STEP}" cone="elliptic" impratio="10"
-        integrator="implicitfast"/>
-        <default><geom condim="3" {soft(*world.contact)}/></default>{mesh}
-        <worldbody><geom name="ground" type="plane" size="1 1 1"
-            euler="{world.tilt} 0 0"/>{wall}
-        <body><freejoint/><inertial pos="{text(world.centre * box.sides)}"
-            mass="{box.mass}" {inertia}/>
-            <geom name="box" {body} friction="0 0 0"/></body>{tips}</worldbody>
-        <contact><pair geom1="ground" geom2="box" condim="{contact}"
-            {soft(*world.contact)} friction="{text(mu)} {world.torsion} 0 0"/></contact>
-        <actuator>{servos}</actuator></mujoco>"""
-
-
-def fingers_of(box: Box, world: ForeignWorld, soft) -> tuple[str, str]:
-    """Return the XML of the fingertips and of their servos; soft: of a contact."""
-    tip = f'{soft(*world.tip)} priority="1"' if world.tip else ""
-    axes = "".join(f'<joint type="slide" name="{{0}}{e}" axis="{text(row)}"/>'
-                   for e, row in enumerate(np.eye(3)))  # fmt: skip
-    tips = "".join(
-        f"""<body gravcomp="1">{axes.format(f"f{f}")}<geom type="sphere" {tip}
-            size="{world.radius}" mass="{TIP_MASS}"
-            friction="{box.finger} 0 0"/></body>"""
-        for f in range(FINGERS)
-    )
-    kv = 2 * (world.stiffness * (TIP_MASS + box.mass)) ** 0.5
-    servos = "".join(
-        f"""<position joint="f{f}{e}" kp="{world.stiffness}" kv="{kv}"
-            forcelimited="true" forcerange="{-MAX_FORCE} {MAX_FORCE}"/>"""
-        for f in range(FINGERS) for e in range(3)
-    )  # fmt: skip
-    return tips, servos
-
-
-def rounded(sides, edge: float) -> np.ndarray:
-    """Return points (V, 3) [m] whose hull is a box with edges of a radius [m]."""
-    angles = np.linspace(0, np.pi / 2, 7)
-    u, v = np.meshgrid(angles, angles)
-    ball = np.stack([np.cos(u) * np.cos(v), np.cos(u) * np.sin(v), np.sin(u)], axis=-1)
-    corner = sides / 2 - edge + edge * ball.reshape(-1, 3)
-    signs = np.indices((2, 2, 2)).reshape(3, 8).T * 2 - 1
-    return np.unique((signs[:, None] * corner).reshape(-1, 3).round(9), axis=0)
-
-
-def text(numbers) -> str:
-    """Return numbers as MuJoCo's XML has them."""
-    return " ".join(map(repr, np.ravel(numbers).tolist()))

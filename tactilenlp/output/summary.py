@@ -70,6 +70,7 @@ def remarks_of(estimate) -> list[str]:
     lines += nuisances_in_words(estimate)
     if open_ := estimate.information.unobserved:
         lines.append(f"Not observed: {'; '.join(open_)}.")
+    lines += untouched_in_words(estimate.measurements)
     if curved := estimate.information.indefinite:
         lines.append(
             "The Hessian of the objective is not positive definite at the solution "
@@ -77,6 +78,19 @@ def remarks_of(estimate) -> list[str]:
         )
     lines += doubts_in_words(estimate)
     return lines + optima_in_words(estimate.information)
+
+
+def untouched_in_words(data) -> Iterator[str]:
+    """Yield a sentence where no finger touched the body in the last actions."""
+    touched = data.action[data.contact.any(axis=1)][-1]
+    since = np.unique(data.action[data.action > touched])
+    if len(since):
+        first, last = since[0], since[-1]
+        during = f"action {first}" if first == last else f"actions {first} to {last}"
+        yield (
+            f"No finger touched the body in {during}: the last pose is that after "
+            f"action {touched}, which holds if nothing has moved the body since."
+        )
 
 
 def nuisances_in_words(estimate) -> Iterator[str]:
