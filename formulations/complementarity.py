@@ -29,11 +29,11 @@ from .balance import Balance, Dynamics, contacts_of
 from .between_actions import add_moved_on
 from .contact import MM
 from .finger_contact import pushing
-from .friction import Impulses, add_cone, friction, impulses
+from .friction import add_cone, contact_impulses
 from .ground_contact import Corner
 from .level import Level
 from .likelihood import add_free, add_touches
-from .rigid_body import ARM, G, declare_poses, steps_of
+from .rigid_body import ARM, declare_poses, steps_of
 from .size_prior import add_size_prior, declare_sizes
 from .violation_implicit import APEX_ROUNDING, NORMAL, SPEED_ROUNDING, TOUCH
 
@@ -65,15 +65,7 @@ def build(nlp, window, scene, shape):
     nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
     law = Balance(*contacts_of(window, shape), scene.gravity)
     step, push, corner = window.step, window.push, window.corner
-    w = scene.mass * G * step.dt  # (steps,) [N s]
-    w_push, w_corner = w[push.step], w[corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    lam = impulses(nlp, names.FINGER, len(push), size, size / 10)
-    load = w_corner / len(shape.corners)
-    lam_g = impulses(nlp, names.GROUND, len(corner), size, load)
-    mu = friction(nlp, names.FINGER_FRICTION, scene.friction_finger)
-    mu_g = friction(nlp, names.GROUND_FRICTION, scene.friction_ground)
-    pushes, corners = Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
+    w, pushes, corners = contact_impulses(nlp, window, scene, shape, push=0.1)
     centre = centre_of_mass.declare(nlp, window, scene, shape)
     dynamics = Dynamics(theta, x, w, centre, pushes, corners)
     add_balance(nlp, window, law, dynamics, slack)
@@ -114,9 +106,9 @@ def add_sliding(nlp, name, velocity, now, at, impulses, eps):
 
     def dissipation(now, at, mu, eps):
         _, v_s = velocity(now, at)
-        most = mu * at.lam[0]
-        loss = contact.sliding_loss(most, at.lam, v_s, SPEED_ROUNDING)
-        loss -= most * SPEED_ROUNDING
+        lam_f = mu * at.lam[0]
+        loss = contact.sliding_loss(lam_f, at.lam, v_s, SPEED_ROUNDING)
+        loss -= lam_f * SPEED_ROUNDING
         return loss * now.dt / (now.w * MM) - eps
 
     def cone(lam, mu, w, r):

@@ -64,6 +64,18 @@ class FrictionLaw(NamedTuple):
         return self.kappa * energy * dt / (w * MM)
 
 
+class Sliding:
+    """A contact of a body that may slide: what finger and ground have in common.
+
+    velocity(step, at) -> v_n, v_s of a contact `at`, which has an impulse lam.
+    """
+
+    def dissipation(self, step, at, law):
+        """Return the cost of friction that does not dissipate."""
+        _, v_s = self.velocity(step, at)
+        return law.cost(at.lam, v_s, step.dt, step.w)
+
+
 def tangents(n, t):
     """Return two unit tangents of the plane normal to n; t (3,) picks the first."""
     t1 = t - n * ca.dot(n, t)
@@ -88,14 +100,14 @@ def cone(mu, lam, rounding):
     return mu * lam[0] - tangential
 
 
-def sliding_loss(most, lam, v_s, v_eps):
+def sliding_loss(lam_f, lam, v_s, v_eps):
     """Return lam_f sqrt(|v_s|^2 + v_eps^2) + v_s . lam_t [J]: what friction leaves.
 
-    most: lam_f [N s]; v_s (2,) [m/s] sliding velocity in (t1, t2).
+    lam_f: largest impulse of friction [N s]; v_s (2,): sliding velocity [m/s].
     """
     speed = ca.sqrt(ca.sumsqr(v_s) + v_eps**2)
     power = ca.dot(v_s, lam[1:3]) if lam.numel() > 1 else 0.0
-    return most * speed + power
+    return lam_f * speed + power
 
 
 def dissipation(mu, lam, v_s, v_eps, rounding):
@@ -107,9 +119,9 @@ def dissipation(mu, lam, v_s, v_eps, rounding):
     r w [N s] of the cone, inside which the last root is at least `rounding`; from half
     of that on, outside, it is constant.
     """
-    most = mu * lam[0] + rounding
-    left = ca.fmax(most**2 - ca.sumsqr(lam[1:]), rounding**2 / 4 + NO_IMPULSE**2)
-    return sliding_loss(most, lam, v_s, v_eps) - v_eps * ca.sqrt(left)
+    lam_f = mu * lam[0] + rounding
+    left = ca.fmax(lam_f**2 - ca.sumsqr(lam[1:]), rounding**2 / 4 + NO_IMPULSE**2)
+    return sliding_loss(lam_f, lam, v_s, v_eps) - v_eps * ca.sqrt(left)
 
 
 def complementarity(lam, phi, small):

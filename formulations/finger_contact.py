@@ -59,7 +59,7 @@ class Push(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FingerContact:
+class FingerContact(contact.Sliding):
     """The pure functions of a body (shape, motion of its pose x) and a finger."""
 
     shape: object
@@ -97,11 +97,6 @@ class FingerContact:
         body_before = p_1 + R_1 @ (R.T @ (p_w - p))
         v = (self.finger.before(p_w, push.p_wf, push.p_wf_1) - body_before) / step.dt
         return -ca.dot(v, n), ca.vertcat(ca.dot(v, t1), ca.dot(v, t2))
-
-    def dissipation(self, step, push, law):
-        """Return the cost of friction that does not dissipate."""
-        _, v_s = self.velocity(step, push)
-        return law.cost(push.lam, v_s, step.dt, step.w)
 
     def unfelt_impulse(self, theta, x, push, w, kappa):
         """Return the cost of the impulse of a finger that feels nothing."""

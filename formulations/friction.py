@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from . import contact
-from .names import EXACT
+from .names import EXACT, FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
+from .rigid_body import G
 
 # [1] prior of a coefficient: dry rubber, wood, metal
 FRICTION_MEAN, FRICTION_SIGMA = 0.4, 0.3
@@ -70,6 +71,26 @@ def impulses(nlp, name, count, scale, normal=0.0, frictionless=(), most=ca.inf):
         name, rows, count, lower=lower[:rows], upper=upper[:rows],
         guess=guess[:rows], unit="N s", scale=scale,
     )  # fmt: skip
+
+
+def contact_impulses(nlp, window, scene, shape, share=None, push=0.0):
+    """Declare the impulses and the friction of fingers and of the ground.
+
+    Guesses of their normal impulses: share of the weight, that each ground contact
+    carries, by default all corners the same; push: of each finger, in mean weights.
+    Returns w = m g dt of the steps [N s], and the Impulses of fingers and ground.
+    """
+    w = scene.mass * G * window.step.dt
+    w_push, w_corner = w[window.push.step], w[window.corner.step]
+    size = w.mean() if len(w) else scene.mass * G
+    load = w_corner * (1 / len(shape.corners) if share is None else share)
+    slips = window.frictionless
+    lam = impulses(nlp, FINGER, len(w_push), size, push * size, slips)
+    lam_g = impulses(nlp, GROUND, len(w_corner), size, load, slips)
+    mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
+    known = scene.friction_ground if len(w_corner) else 0
+    mu_g = friction(nlp, GROUND_FRICTION, known)
+    return w, Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
 
 
 def cone_margin(lam, mu, w, rounding):

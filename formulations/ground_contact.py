@@ -43,7 +43,7 @@ class Corner(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class GroundContact:
+class GroundContact(contact.Sliding):
     """The pure functions of a body (shape, motion of its pose x) on the ground."""
 
     shape: object
@@ -87,11 +87,6 @@ class GroundContact:
         _, R_wo = self.motion.pose(self.shape, step.theta, step.x)
         p_1, R_1 = self.motion.pose(self.shape, step.theta, step.x_1)
         return p_1 + R_1 @ self.low(step.theta, R_wo, signs)
-
-    def dissipation(self, step, corner, law):
-        """Return the cost of friction that does not dissipate."""
-        _, v_s = self.velocity(step, corner)
-        return law.cost(corner.lam, v_s, step.dt, step.w)
 
     def complementarity(self, theta, x, corner, w, kappa):
         """Return the cost of an impulse on a corner above the ground."""

@@ -153,6 +153,6 @@ def sliding(ground, corner, lam, mu, fall, w, before, after):
     dt, (_, t1, t2) = fall[2], ground.frame()
     v = (after.place(corner) - before.place(corner)) / (2 * dt)
     v_s = ca.vertcat(ca.dot(v, t1), ca.dot(v, t2))
-    most = mu * lam[0] + CONE_ROUNDING * w
-    lost = contact.sliding_loss(most, lam, v_s, V_EPS)
+    lam_f = mu * lam[0] + CONE_ROUNDING * w
+    lost = contact.sliding_loss(lam_f, lam, v_s, V_EPS)
     return KAPPA * (lost - CONE_ROUNDING * w * V_EPS) * dt / (w * contact.MM)

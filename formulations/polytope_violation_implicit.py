@@ -35,12 +35,13 @@ from . import centre_of_mass, indentation, violation_implicit
 from .balance import Balance, Dynamics, contacts_of
 from .between_actions import HEAVY, add_fixed_width
 from .finger_turn import with_normals_turned_back
+from .friction import contact_impulses
 from .level import Level
 from .likelihood import add_free, add_touches
 from .polytope import inertia_about, whole_moments
 from .polytope_quasi_static import add_ball_prior, declare_vertices
 from .rigid_body import MassProperties, declare_poses
-from .violation_implicit import NORMAL, TOUCH, add_physics, impulses_of
+from .violation_implicit import NORMAL, TOUCH, add_physics, add_scales
 
 EXTENDS = True  # an estimate is extended by one action: polytope_extension.py
 FREED = violation_implicit.FREED
@@ -61,7 +62,9 @@ def build(nlp, window, scene, shape, prior=add_ball_prior):
     prior(nlp, window, shape, theta): adds what was known of the vertices before.
     """
     window = with_normals_turned_back(nlp, window)
-    w, pushes, corners = impulses_of(nlp, window, scene, shape, window.weight_share)
+    add_scales(nlp)
+    share = window.weight_share
+    w, pushes, corners = contact_impulses(nlp, window, scene, shape, share)
     delta = indentation.declare(nlp, window, scene, pushes)
     theta, x = declare_vertices(nlp, window), declare_poses(nlp, window)
     near_touch, near_free = theta[:, window.near_touch], theta[:, window.near_free]

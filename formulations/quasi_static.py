@@ -19,6 +19,8 @@ other than predicted (`add_unpredicted_motion`).  Fingertips are rigid.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from .between_actions import add_fixed_width, way_squared
@@ -58,7 +60,8 @@ def build(nlp, window, scene, shape):
 
 def add_least_motion(nlp, window, shape, theta, x):
     """Add the price of motion: an object that is pushed moves no more than it must."""
-    price, step, seen = Price(nlp, window, shape, WEIGHT), window.step, seen_of(window)
+    price = Price.of(nlp, window, shape, WEIGHT)
+    step, seen = window.step, seen_of(window)
     nlp.minimize(
         "least motion", price.way, theta, x[:, step.pose[seen]],
         x[:, step.before[seen]], price.weight, role="regulariser",
@@ -74,7 +77,7 @@ def add_unpredicted_motion(nlp, window, shape, theta, x):
     if window.motion is not PLANAR:
         add_least_motion(nlp, window, shape, theta, x)
         return
-    price = Price(nlp, window, shape, UNPREDICTED)
+    price = Price.of(nlp, window, shape, UNPREDICTED)
     step, seen = window.step, seen_of(window)
 
     def departure(theta, x, x_1, motion, weight):
@@ -87,12 +90,20 @@ def add_unpredicted_motion(nlp, window, shape, theta, x):
     add_lasting_motion(nlp, window, price, theta, x)
 
 
+@dataclass(frozen=True, eq=False)
 class Price:
-    """The price of a way from an expected pose [nats]."""
+    """The price [nats] of a way from an expected pose; weight: a parameter [nats/m]."""
 
-    def __init__(self, nlp, window, shape, weight):
-        self.weight = nlp.parameter("motion weight", weight, "nats/m")
-        self.motion, self.shape = window.motion, shape
+    motion: object
+    shape: object
+    weight: object
+
+    @classmethod
+    def of(cls, nlp, window, shape, weight):
+        """Return the price of a window's motion, its weight declared."""
+        return cls(
+            window.motion, shape, nlp.parameter("motion weight", weight, "nats/m")
+        )
 
     def way(self, theta, x, expected, weight):
         way = way_squared(self.motion, self.shape, theta, x, expected)

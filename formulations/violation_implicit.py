@@ -49,11 +49,11 @@ from .balance import Balance, Dynamics, contacts_of
 from .between_actions import add_moved_on
 from .finger_offset import displaced
 from .finger_turn import with_normals_turned_back
-from .friction import Impulses, add_cone, friction, impulses
+from .friction import add_cone, contact_impulses
 from .level import Level
 from .likelihood import add_free, add_touches
-from .names import FINGER, FINGER_FRICTION, GROUND, GROUND_FRICTION
-from .rigid_body import G, declare_poses
+from .names import FINGER, GROUND
+from .rigid_body import declare_poses
 from .size_prior import add_size_prior, declare_sizes
 
 FREED = ("rigid", "central", "aligned", "planar", "level", "prompt")  # by evidence
@@ -89,7 +89,8 @@ def build(nlp, window, scene, shape, law=Balance):
     """
     window = displaced(nlp, window, scene)
     window = with_normals_turned_back(nlp, window)
-    w, pushes, corners = impulses_of(nlp, window, scene, shape)
+    add_scales(nlp)
+    w, pushes, corners = contact_impulses(nlp, window, scene, shape)
     delta = indentation.declare(nlp, window, scene, pushes)
     theta, x = declare_sizes(nlp, shape), declare_poses(nlp, window)
     add_touches(nlp, window, shape, theta, x, TOUCH, NORMAL, delta)
@@ -102,29 +103,12 @@ def build(nlp, window, scene, shape, law=Balance):
     add_physics(nlp, window, law, Dynamics(theta, x, w, centre, pushes, corners))
 
 
-def impulses_of(nlp, window, scene, shape, share=None):
-    """Declare weights, and impulses and friction of fingers and of the ground.
-
-    share: of the weight, that each ground contact carries at the start; by default all
-    corners carry the same.  Returns w = m g dt of the steps [N s], and the
-    friction.Impulses of fingers and ground.
-    """
+def add_scales(nlp):
+    """Declare the parameters of the physics: costs, deviations and roundings."""
     nlp.parameter("kappa", WORK_COST, "nats/mm")
     nlp.parameter("speed rounding", SPEED_ROUNDING, "m/s")
     nlp.parameter("balance sigma", BALANCE_SIGMA, "weights")
     nlp.parameter("cone rounding", APEX_ROUNDING, "weights")
-    w = scene.mass * G * window.step.dt
-    w_push, w_corner = w[window.push.step], w[window.corner.step]
-    size = w.mean() if len(w) else scene.mass * G
-    share = 1 / len(shape.corners) if share is None else share
-    slips = window.frictionless
-    load = w_corner * share
-    lam = impulses(nlp, FINGER, len(w_push), size, frictionless=slips)
-    lam_g = impulses(nlp, GROUND, len(w_corner), size, load, frictionless=slips)
-    mu = friction(nlp, FINGER_FRICTION, scene.friction_finger)
-    known = scene.friction_ground if len(w_corner) else 0
-    mu_g = friction(nlp, GROUND_FRICTION, known)
-    return w, Impulses(lam, mu, w_push), Impulses(lam_g, mu_g, w_corner)
 
 
 def add_physics(nlp, window, law, dynamics, resting=None):

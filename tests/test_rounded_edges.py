@@ -8,6 +8,7 @@ import pytest
 from formulations import indentation, violation_implicit
 from formulations.balance import Dynamics, contacts_of
 from formulations.between_actions import add_moved_on
+from formulations.friction import contact_impulses
 from formulations.likelihood import add_free, add_touches
 from formulations.rigid_body import declare_poses
 from formulations.shape import CUBOID
@@ -60,9 +61,8 @@ def test_the_error_by_edges_is_how_the_optimum_moves_with_their_radius(
         """Return theta where fingers feel rounded edges; physics as it was."""
         problem = Problem()
         shape = rounded(r)
-        w, pushes, corners = violation_implicit.impulses_of(
-            problem, window, scene, CUBOID
-        )
+        violation_implicit.add_scales(problem)
+        w, pushes, corners = contact_impulses(problem, window, scene, CUBOID)
         delta = indentation.declare(problem, window, scene, pushes)
         x = declare_sizes(problem, shape), declare_poses(problem, window)
         noise = violation_implicit.TOUCH, violation_implicit.NORMAL
