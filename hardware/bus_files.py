@@ -53,7 +53,8 @@ class BusFile:
         """Write one frame; raises RecordingError for a time that a .blf cannot hold."""
         if self._blf and message.timestamp < FILE_BEGIN:
             raise RecordingError(
-                "a time before the start of the file", got=f"{message.timestamp:.3f} s",
+                "a time before the start of the file", where="timestamp",
+                got=f"{message.timestamp:.3f} s",
                 expected=f"{FILE_BEGIN:g} s (2017) or more",
                 next='set the clock of the host, or record with bus="log"',
             )  # fmt: skip

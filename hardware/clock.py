@@ -170,6 +170,7 @@ class ClockMap:
         if not abs(rate / unit - 1) <= drift:
             raise ClockError(
                 "the device's clock does not run with the host's",
+                where="device, host",
                 got=f"{rate:.6g} s per unit",
                 expected=f"{unit:.6g} s within {drift:g}",
                 next="check the unit of the stamps, or record for longer",
@@ -188,8 +189,9 @@ def unwrap(counter: np.ndarray, bits: int) -> np.ndarray:
     values, size = numbers_of("counter", counter, ClockError, "n"), 1 << bits
     if values.size and not (values.min() >= 0 and values.max() < size):
         raise ClockError(
-            "no such counter", got=values.max(), expected=f"{bits} unsigned bits"
-        )
+            "no such counter", where="counter", got=values.max(),
+            expected=f"{bits} unsigned bits", next="tell the bits of the counter",
+        )  # fmt: skip
     return np.unwrap(values.astype(np.int64), period=size)
 
 
@@ -197,12 +199,14 @@ def _check(device: np.ndarray, host: np.ndarray) -> None:
     if not (device.shape == host.shape and len(device) > 1):
         raise ClockError(
             "no pairs of times",
+            where="device, host",
             got=f"shapes {device.shape} and {host.shape}",
             expected="two arrays (n,), n > 1",
         )
     if not (np.diff(device) > 0).all():
         raise ClockError(
             "device times do not increase",
+            where="device",
             got=f"a step of {np.diff(device).min():g}",
             expected="steps above zero",
             next="unwrap the counter, drop doubles",

@@ -135,7 +135,11 @@ def _times(given, count: int, rate: float, where: str) -> np.ndarray:
             expected="a time for every picture",
         )
     if not (np.diff(time) > 0).all():
-        raise ClockError("times do not increase", where=where)
+        step = np.diff(time).min()
+        raise ClockError(
+            "times do not increase", where=where, got=f"a step of {step:g} s",
+            expected="steps above zero",
+        )  # fmt: skip
     return time
 
 

@@ -138,7 +138,8 @@ def pictures(path: str | Path) -> Iterator[np.ndarray]:
     seen = 0
     for seen, picture in enumerate(read, start=1):
         if picture is None:
-            raise RecordingError("no picture", where=str(files[seen - 1]))
+            fix = "remove the file, or write it again"
+            raise RecordingError("no picture", where=str(files[seen - 1]), next=fix)
         yield picture
     if not seen:
         fix = "give a video, or a folder of .png"

@@ -50,8 +50,10 @@ class Hodge:
         The rim is free, the median flow [px] is subtracted, the median of psi is zero.
         """
         if flow.shape != (*self.mask.shape, 2):
-            expected = f"{(*self.mask.shape, 2)}"
-            raise FrameError("wrong shape", got=flow.shape, expected=expected)
+            raise FrameError(
+                "wrong shape", where="flow", got=flow.shape,
+                expected=f"{(*self.mask.shape, 2)}",
+            )  # fmt: skip
         common = np.median(flow[self.mask], axis=0)
         edge = self._along(flow - common)
         psi = np.zeros(self.mask.size)

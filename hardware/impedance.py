@@ -101,7 +101,10 @@ class Gains:
             torque += self.weight * holding(angles, robot)
         if np.shape(torque) != (3,) or not np.isfinite(torque).all():
             got = f"target {target}, {target_velocity}, state {angles}, {velocities}"
-            raise LimitError("no torque", got=got, expected="three finite numbers each")
+            raise LimitError(
+                "no torque", where="target, state", got=got,
+                expected="three finite numbers each",
+            )  # fmt: skip
         return np.clip(torque, -self.torque, self.torque)
 
 

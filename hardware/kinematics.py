@@ -73,8 +73,10 @@ class Finger:
         for name in ("lower", "upper"):
             check_ranges(name, getattr(self, name), 3, -TURN, TURN, "rad", RigError)
         if not np.all(np.less(self.lower, self.upper)):
-            got, expected = f"{self.lower}, {self.upper}", "lower below upper"
-            raise RigError("no limits of joints", got=got, expected=expected)
+            raise RigError(
+                "no limits of joints", where="lower, upper",
+                got=f"{self.lower}, {self.upper}", expected="lower below upper",
+            )  # fmt: skip
 
     @property
     def base_rotation(self) -> np.ndarray:

@@ -134,7 +134,9 @@ def to_q24(value: float) -> int:
     if not math.isfinite(as_number(value)):
         expected, fix = "a finite number", "check how the value was computed"
         got = shortened(value, most=80)
-        raise FrameError("no Q24 number", got=got, expected=expected, next=fix)
+        raise FrameError(
+            "no Q24 number", where="value", got=got, expected=expected, next=fix
+        )
     return min(max(round(value * ONE), LOWEST), HIGHEST)
 
 
@@ -164,7 +166,10 @@ def encode(content: Content, timestamp: float = 0.0) -> can.Message:
             byte = sum(flag << bit for bit, flag in enumerate(flags))
             identifier, data = STATUS, bytes([byte | content.fault << 5])
         case _:
-            raise FrameError("cannot be sent", got=repr(content))
+            raise FrameError(
+                "cannot be sent", where="content", got=repr(content),
+                expected="a content that this module declares",
+            )  # fmt: skip
     return can.Message(
         timestamp=timestamp, arbitration_id=identifier, data=data, is_extended_id=False
     )

@@ -132,7 +132,10 @@ def start_motors(
             clock.sleep(POLL)
             for board in boards:
                 if not board.driving:
-                    raise BoardError("was stopped while it started", where=board.name)
+                    raise BoardError(
+                        "was stopped while it started", where=board.name,
+                        next="read the log for what stopped it, then start again",
+                    )  # fmt: skip
                 board.poll()
                 board.check(stale=patience)
             if clock.now() > end:

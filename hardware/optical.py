@@ -183,8 +183,10 @@ class OpticalTouch:
     def _refer(self, frames: list[np.ndarray]) -> None:
         """Make the reference of pictures, which wait to be evaluated."""
         if len(frames) < 2:
-            expected = "two pictures without contact or more"
-            raise FrameError("nothing to learn", got=len(frames), expected=expected)
+            raise FrameError(
+                "nothing to learn", where="frames", got=len(frames),
+                expected="two pictures without contact or more",
+            )  # fmt: skip
         self._flow = Flow(np.mean(frames, axis=0).round().astype(np.uint8))
         self._waiting = frames
 

@@ -32,11 +32,10 @@ def grey(frame: np.ndarray) -> np.ndarray:
     frame = np.asarray(frame)
     grey_or_bgr = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] in (3, 4))
     if frame.dtype != np.uint8 or frame.size == 0 or not grey_or_bgr:
-        got, expected = (
-            f"{frame.dtype} {frame.shape}",
-            "uint8, (H, W) or (H, W, 3 or 4)",
-        )
-        raise FrameError("no picture", got=got, expected=expected)
+        raise FrameError(
+            "no picture", where="frame", got=f"{frame.dtype} {frame.shape}",
+            expected="uint8, (H, W) or (H, W, 3 or 4)",
+        )  # fmt: skip
     if frame.ndim == 3:
         colours = np.ascontiguousarray(frame[..., :3])
         frame = opencv().cvtColor(colours, opencv().COLOR_BGR2GRAY)
@@ -69,8 +68,10 @@ class Flow:
         """Return the flow and its forward-backward error (H, W) [px]."""
         now = normalised(grey(frame))
         if now.shape != self._reference.shape:
-            expected = f"{self._reference.shape}, as the reference"
-            raise FrameError("another picture size", got=now.shape, expected=expected)
+            raise FrameError(
+                "another picture size", where="frame", got=now.shape,
+                expected=f"{self._reference.shape}, as the reference",
+            )  # fmt: skip
         there = self._there.calc(self._reference, now, None)
         back = self._back.calc(now, self._reference, None)
         arrive = self._grid + there

@@ -92,7 +92,9 @@ class Recording:
             path = self.folder / stream / name
             picture = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
             if picture is None:
-                raise RecordingError("no picture", where=str(path))
+                raise RecordingError(
+                    "no picture", where=str(path), next="copy the recording again"
+                )
             yield time, picture
 
     def _whole(self, stream: str, parts: Iterator) -> Iterator:
@@ -159,7 +161,10 @@ class Recording:
             path = self.folder / f"{stream}.{suffix}"
             if path.is_file():
                 return path
-        raise RecordingError("no such stream", where=str(self.folder), got=stream)
+        files = " or ".join(f"{stream}.{suffix}" for suffix in FORMATS)
+        raise RecordingError(
+            "no such stream", where=str(self.folder), got=stream, expected=files
+        )
 
     def _read(self, name: str) -> bytes:
         path = self.folder / name

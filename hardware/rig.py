@@ -112,7 +112,10 @@ class Tactile:
                 return OpticalTouch(Lens(**lens), **options)
             return make(**options)
         except (TypeError, KeyError, FrameError) as bad:
-            raise RigError("wrong options", where="tactile.touch", got=bad) from bad
+            raise RigError(
+                "wrong options", where="tactile.touch", got=bad,
+                next="name those of the sensor: see hardware/README.md",
+            ) from bad  # fmt: skip
 
     def framer(self) -> OptoForceFramer | AnySkinFramer:
         """Return the framer of a serial sensor."""

@@ -103,4 +103,7 @@ def simulated_sensor(tactile: Tactile, seed: int) -> SimulatedCamera | Simulated
         return SimulatedCamera(tactile, seed)
     if tactile.kind.startswith("optoforce"):
         return SimulatedDome(tactile)
-    raise RigError("cannot be simulated", where="tactile.kind", got=tactile.kind)
+    raise RigError(
+        "cannot be simulated", where="tactile.kind", got=tactile.kind,
+        expected="densetact or optoforce",
+    )  # fmt: skip

@@ -90,7 +90,10 @@ class Hysteresis:
         check_range("least", least, 0.0, LARGEST, "", FrameError)
         if quiet.size < 2:
             expected, fix = "two finite strengths or more", "record without contact"
-            raise FrameError("nothing to learn", expected=expected, next=fix)
+            raise FrameError(
+                "nothing to learn", where="quiet", got=quiet.size,
+                expected=expected, next=fix,
+            )  # fmt: skip
         mean, sigma = quiet.mean(), quiet.std()
         on = max(mean + ON * sigma, quiet.max(), least)
         return cls(on, max(mean + OFF * sigma, OFF / ON * on))

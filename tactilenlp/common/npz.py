@@ -137,10 +137,15 @@ def read_result(path, name: str, number: int, kinds: dict, kind: type):
         raise
     except MALFORMED as bad:
         got = f"{type(bad).__name__}: {bad}"
-        raise FileError("the header is damaged", where=str(path), got=got) from bad
+        raise FileError(
+            "the header is damaged", where=str(path), got=got,
+            next="read another copy of the file; save the result again",
+        ) from bad  # fmt: skip
     if not isinstance(result, kind):
-        got = type(result).__name__
-        raise FileError(f"not an {name}", where=str(path), got=got)
+        raise FileError(
+            f"not an {name}", where=str(path), got=type(result).__name__,
+            expected=f"a file that {kind.__name__}.save has written",
+        )  # fmt: skip
     return result
 
 
@@ -168,7 +173,10 @@ def _check_version(header, name: str, number: int, where: str, foreign) -> None:
         expected = f"version {number}{of and f' of an {name}'}"
         raise foreign(f"version {stated}{of}", expected)
     if stated != name:
-        raise FileError(f"not an {name}", where=where, got=f"an {stated}")
+        raise FileError(
+            f"not an {name}", where=where, got=f"an {stated}",
+            next=f"load it as an {stated}",
+        )  # fmt: skip
     if header["version"] != number:
         raise foreign(f"version {header['version']}", f"version {number}")
 

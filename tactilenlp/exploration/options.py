@@ -86,8 +86,9 @@ class ExploreOptions:
         first = dict(zip(names, positional, strict=False))
         if twice := [name for name in first if name in keywords]:
             raise OptionError(
-                "given twice", where=twice[0], got="by position and by name"
-            )
+                "given twice", where=twice[0], got="by position and by name",
+                next="leave one of them out",
+            )  # fmt: skip
         keywords = first | keywords
         if unknown := [name for name in keywords if name not in names]:
             raise OptionError(

@@ -72,6 +72,7 @@ def vertices_behind(halfspaces) -> np.ndarray:
             "the intersection of the half-spaces is empty or flat",
             where="halfspaces",
             got=f"inradius {depth:.2g} m",
+            expected=f"at least {LEAST_INRADIUS:g} m",
         )
     rows = np.c_[halfspaces[:, :3], -halfspaces[:, 3]]
     points = HalfspaceIntersection(rows, ball.x[:3]).intersections

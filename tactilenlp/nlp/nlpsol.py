@@ -38,15 +38,23 @@ class Eliminated:
             [np.zeros(0, int), *map(np.ravel, problem.dependent.values())]
         )
         if not len(self.dependent):
-            raise PageError("nothing to eliminate", next="call nlp.follow on the page")
+            raise PageError(
+                "nothing to eliminate", where="problem", got="no dependent unknowns",
+                next="call nlp.follow on the page",
+            )  # fmt: skip
         if len(np.unique(self.dependent)) < len(self.dependent):
             raise PageError(
-                "an unknown is given twice", where=str([*problem.dependent])
-            )
+                "an unknown follows twice", where=str([*problem.dependent]),
+                expected="one nlp.follow for each column",
+            )  # fmt: skip
         rows = np.zeros(problem.rows, bool)
         for name, given in problem.dependent.items():
             if len(given) < problem.constraints[name].instances:
-                raise PageError("several instances give one column", where=name)
+                raise PageError(
+                    "several instances give one column", where=name,
+                    got=f"{problem.constraints[name].instances} for {len(given)}",
+                    expected="as many instances as columns that follow",
+                )  # fmt: skip
             rows[problem.constraints[name].span] = True
         self.kept, self.defining = np.nonzero(~rows)[0], np.nonzero(rows)[0]
         self.free = np.setdiff1d(np.arange(problem.size), self.dependent)
@@ -129,7 +137,10 @@ class Eliminated:
                 inputs = problem.constraints[name].unknowns[rows, :-own]
                 ready[name] = computed[inputs].all(axis=1)
             if not any(r.any() for r in ready.values()):
-                raise PageError("unknowns follow from each other", where=str([*left]))
+                raise PageError(
+                    "unknowns follow from each other", where=str([*left]),
+                    expected="columns that follow from earlier ones alone",
+                )  # fmt: skip
             for name, now in ready.items():
                 rows = left[name][now]
                 left[name] = left[name][~now]

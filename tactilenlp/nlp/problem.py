@@ -25,7 +25,7 @@ from ..common.named import Named
 from ..common.validation import check_kind, check_one_of, numbers_of
 from ..errors import PageError
 from .assembly import Assembly
-from .diagnostics import Report, check, describe
+from .diagnostics import check, describe
 from .nlpsol import Eliminated
 from .term_functions import (
     TermFunctionCache,
@@ -56,9 +56,9 @@ ROLES = ("likelihood", "physics", "prior", "regulariser")
 class Problem:
     """The programme that a page fills: variables, parameters, costs and constraints."""
 
-    variables: dict[str, Variable] = field(default_factory=lambda: Named("variables"))
+    variables: dict[str, Variable] = field(default_factory=partial(Named, "variables"))
     parameters: dict[str, Parameter] = field(
-        default_factory=lambda: Named("parameters")
+        default_factory=partial(Named, "parameters")
     )
     costs: dict[str, Term] = field(default_factory=dict)
     constraints: dict[str, Term] = field(default_factory=dict)
@@ -84,10 +84,14 @@ class Problem:
         shape = (rows, columns)
         lower, upper, guess = (block(v, shape, name) for v in (lower, upper, guess))
         if not np.all(lower <= upper) or not np.all(np.isfinite(guess)):
-            raise PageError("bounds cross, or the guess is not finite", where=name)
+            raise PageError(
+                "bounds cross, or the guess is not finite", where=name,
+                expected="lower <= upper, and finite guesses",
+            )  # fmt: skip
         size = block(scale, (rows, 1), name)[:, 0]
         if not np.all((size > 0) & np.isfinite(size)):
-            raise PageError(f"{name}: not a scale", got=size.tolist())
+            got, expected = size.tolist(), "finite numbers above zero"
+            raise PageError("not a scale", where=name, got=got, expected=expected)
         v = Variable(name, rows, columns, lower, upper, guess, unit, size, self.size)
         return self.variables.setdefault(name, v)
 
@@ -141,10 +145,12 @@ class Problem:
 
     @property
     def rows(self) -> int:
+        """The number of rows of all constraints."""
         return sum(term.rows for term in self.constraints.values())
 
     @property
     def terms(self) -> dict[str, Term]:
+        """All costs and constraints, by name."""
         return Named("terms", {**self.costs, **self.constraints})
 
     def costs_of(self, *roles: str) -> list[str]:
@@ -211,21 +217,14 @@ class Problem:
         term = self.terms[name]
         shape = (term.instances, term.function.rows)
         whole = np.reshape(multiplier, shape) if np.ndim(multiplier) else multiplier
-        weight = np.broadcast_to(whole, shape)
-        (nonzeros,) = term.evaluated("second", x, data, weight.T)
+        (nonzeros,) = term.evaluated("second", x, data, np.broadcast_to(whole, shape).T)
         rows, columns, factor = term.hessian_places
         values, off = nonzeros.T.ravel() * factor, rows != columns
         i, j = np.r_[rows, columns[off]], np.r_[columns, rows[off]]
         return sp.csc_matrix((np.r_[values, values[off]], (i, j)), (self.size,) * 2)
 
     # -- what authors of pages and solvers ask for ------------------------------------
-    def describe(self) -> str:
-        """Return sizes, units and terms in words."""
-        return describe(self)
-
-    def check(self, start: dict | None = None, seed: int = 0) -> Report:
-        """Examine derivatives, scaling, rank and unused unknowns."""
-        return check(self, start, seed)
+    describe, check = describe, check  # the functions of diagnostics, as methods
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -279,8 +278,9 @@ class Problem:
                 expected="1 row", next="add them up: casadi.sum1(...), casadi.sumsqr",
             )  # fmt: skip
         limits = limits_of(name, (instances, derived.rows), limits)
-        first = np.zeros((instances, 0), int)
-        read = [np.hstack([first, *rest]) for rest in (unknowns, data)]
+        read = [
+            np.hstack([np.zeros((instances, 0), int), *r]) for r in (unknowns, data)
+        ]
         terms[name] = Term(name, derived, role, *read, **limits, first_row=first_row,
                           per=per and per.name)  # fmt: skip
 

@@ -175,7 +175,8 @@ def check_owner(problem, name: str, argument) -> None:
         return
     declared = problem.variables if isinstance(owner, Variable) else problem.parameters
     if declared.get(owner.name) is not owner:
-        raise PageError(f"{owner.name} belongs to another problem", where=name)
+        what, fix = f"{owner.name} belongs to another problem", "declare it in this one"
+        raise PageError(what, where=name, next=fix)
 
 
 def block(values, shape: tuple[int, int], name: str) -> np.ndarray:
@@ -255,7 +256,6 @@ def apart(function: Callable, arguments) -> tuple[Callable, list]:
     tuple as a named tuple, None in it as None.  A whole variable becomes its columns.
     """
     parts = [part for argument in arguments for part in _parts(argument)]
-    parts = [p[:, :] if isinstance(p, Variable) else p for p in parts]
 
     def of_parts(*locals_of_parts):
         left = iter(locals_of_parts)
@@ -270,7 +270,7 @@ def _parts(argument) -> list:
         return [argument.data, argument.unknowns]
     if hasattr(argument, "_fields"):
         return [part for a in argument if a is not None for part in _parts(a)]
-    return [argument]
+    return [argument[:, :] if isinstance(argument, Variable) else argument]
 
 
 def _whole(argument, left):

@@ -159,7 +159,10 @@ def plot_errors(estimates, truth=None, axis=None) -> Figure:
     check_types(estimates=(estimates, Iterable))
     estimates = list(estimates)
     if not estimates:
-        raise OptionError("nothing to draw", where="estimates", got="none")
+        raise OptionError(
+            "nothing to draw", where="estimates", got="none",
+            expected="one Estimate or more",
+        )  # fmt: skip
     check_types(**{f"estimates[{k}]": (e, Estimate) for k, e in enumerate(estimates)})
     axis = one_axis(axis, 4.6, 3.4)
     actions = [estimate.measurements.actions for estimate in estimates]

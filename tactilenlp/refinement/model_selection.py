@@ -74,7 +74,9 @@ def classes_of(shape) -> list[Shape]:
     classes = [shape_of(one) for one in shape]
     if any(one in classes[:i] for i, one in enumerate(classes)):
         names = [one.name for one in classes]
-        raise OptionError("a class twice", where="shape", got=names)
+        raise OptionError(
+            "a class twice", where="shape", got=names, expected="each class once"
+        )
     return classes
 
 

@@ -223,7 +223,10 @@ class World:
         `Scene.load` reads the scene: ground_height [m] is an empty array for no ground.
         """
         if self.measurements is None:
-            raise SceneError("nothing is recorded", next="execute a trajectory first")
+            raise SceneError(
+                "nothing is recorded", where="world.save", got="no measurements",
+                next="execute a trajectory first",
+            )  # fmt: skip
         arrays = vars(self.measurements) | {key: getattr(self, key) for key in SAVED}
         arrays = {key: value for key, value in arrays.items() if value is not None}
         arrays[GROUND_HEIGHT] = np.array([] if self.ground is None else self.ground)
