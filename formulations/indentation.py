@@ -6,13 +6,13 @@ r"""How deep a felt finger sits in the surface: soft fingertips, radius error.
 
 d [m] is common to all touches: an error of the radius.  c [m] is the compliance of the
 fingertips, the indentation under the weight w = m g dt of a time step; lam_n is the
-normal impulse of that step.  A linear law: of MuJoCo's contacts, which are stiffer than
-that at small loads, it explains 93 to 97 % of the excess objective, a Hertzian law
+normal impulse of that step.  The law is linear: it explains 93 to 97 % of the excess
+objective of MuJoCo's contacts, which are stiffer at small loads, a Hertzian law
 (lam_n^(2/3)) less.
 
-How hard two fingers squeeze a body no motion tells, only how deep they sit: c lam_n
-and the size of the body exchange.  So soft fingertips have a prior of how hard they
-push.
+No motion tells how hard two fingers squeeze a body, only how deep they sit: c lam_n
+can be exchanged for a change of the body's size.  The normal impulses of soft
+fingertips therefore have a prior.
 
 A touched sample that ends no time step has no impulse: c itself, the indentation under
 one weight, is then added to the deviation of its gap.  Where `window.compliant` is

@@ -1,7 +1,7 @@
 r"""How a body that lies on the ground follows the fingers that push it, step by step.
 
-Quasi-static: over one time step the body moves by d = (dx, dy, dyaw), so that the work
-of friction and springs is least,
+Motion is quasi-static: over one time step the body moves by d = (dx, dy, dyaw), so that
+the work of friction and springs is least,
 
     min_d  mu_g N sqrt(dx^2 + dy^2 + c^2 dyaw^2 + SLIP^2)          ground, limit surface
          + sum_f  U(-phi_f(s + d))  +  V(u_f(d))                    fingers
@@ -16,7 +16,7 @@ N and lam_f in the friction terms are those of the iterate before: then each ter
 convex, and `improved`, a Newton step on a convex quadratic bound of the work
 (majorisation), descends.
 
-A body at s = (x, y, yaw) has moved by that much from a given pose.  Inertia is left
+s = (x, y, yaw) is the displacement of the body from a given pose.  Inertia is left
 out: at 0.2 m/s a body slides 7 mm on its own where mu_g = 0.3, but a finger that slows
 down over 0.5 s never lets go of it.  Nothing tips here; whether a body would follows
 from the force and the moment of its fingers (tactilenlp/geometry/support.py).

@@ -48,7 +48,7 @@ def test_evidence_is_that_of_linear_least_squares():
     assert np.argmax(told) == 1
 
 
-def test_an_unknown_that_nothing_tells_costs_nothing():
+def test_an_unobserved_unknown_does_not_change_the_evidence():
     one = log_evidence(1.0, np.diag([0.01]), np.eye(1))
     two = log_evidence(1.0, np.diag([0.01, 1.0]), np.eye(2))
     assert two == pytest.approx(one)

@@ -68,7 +68,7 @@ def test_nothing_imports_the_bench(package):
 
 
 @pytest.mark.parametrize("path", [*NLP, *SOLVERS], ids=lambda path: path.stem)
-def test_the_machine_knows_no_tactile_word(path):
+def test_the_nlp_package_has_no_tactile_word(path):
     room = NLP if path in NLP else SOLVERS
     own = {f".{module.stem}" for module in room}
     own |= {f"..nlp.{module.stem}" for module in NLP if room is SOLVERS}

@@ -76,7 +76,7 @@ def test_a_few_chosen_actions_find_the_box(whole):
 
 
 @pytest.mark.slow
-def test_an_exploration_of_a_world_that_knows_its_truth_is_judged(whole):
+def test_an_exploration_of_a_world_with_a_truth_has_errors(whole):
     steps, _ = whole
     world = fresh()
     again = list(explore(world, **SAME))

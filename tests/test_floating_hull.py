@@ -137,7 +137,7 @@ def test_every_normal_is_that_of_the_body_where_it_is_then(world, afloat):
 
 
 @pytest.mark.slow
-def test_what_no_one_touched_of_it_is_not_known_and_said_so(afloat):
+def test_untouched_parts_of_a_floating_hull_are_listed_as_not_observed(afloat):
     sigma, touched = face_sigma(afloat), afloat.faces > 3
     normals = afloat.supporting_planes().normal[touched]
     one_face = normals @ normals.T > np.cos(np.radians(5))  # nearly coplanar facets

@@ -81,7 +81,7 @@ def test_of_a_hull_surface_and_centroid_are_compared(estimate):
     assert max(errors.values()) < 1e-6
 
 
-def test_a_world_without_a_truth_of_that_instant_tells_nothing(estimate):
+def test_a_world_without_a_truth_at_that_instant_gives_no_error(estimate):
     assert errors_of(object(), estimate) == {}
     assert errors_of(SimpleNamespace(true_body=None), estimate) == {}
     assert errors_of(SimpleNamespace(truth="of something else"), estimate) == {}

@@ -135,7 +135,7 @@ class Patter(Reader):
         self._keep(now, came)
 
 
-def test_what_nobody_takes_is_dropped_oldest_first_and_counted():
+def test_samples_that_are_not_taken_are_dropped_oldest_first_and_counted():
     reader = Patter("patter", ManualClock(), queue=10)
     for k in range(25):
         reader.feed(float(k), [k])
@@ -147,7 +147,7 @@ def test_what_nobody_takes_is_dropped_oldest_first_and_counted():
     assert reader.dropped == 35
 
 
-def test_pictures_that_nobody_takes_are_bounded():
+def test_pictures_that_are_not_taken_are_bounded():
     one = Cameras(sink=None)
     for _ in range(200):
         one.send()

@@ -162,7 +162,7 @@ def test_a_frame_that_an_adapter_does_not_take_ends_an_action():
 
 
 @pytest.mark.parametrize("harm", [None, KeyboardInterrupt])
-def test_a_bench_that_did_not_drive_stops_nobody_when_it_is_left(listening, harm):
+def test_a_bench_that_did_not_drive_stops_no_board_when_it_is_closed(listening, harm):
     rig, ends = listening
     with suppress(KeyboardInterrupt), Bench(rig, listen_only=False) as bench:
         bench.boards[0].ask()

@@ -57,7 +57,7 @@ def test_a_pressed_dome_gives_the_normal_of_what_presses_it():
     assert not touch(7, ForceFrame(7, 1 << 10, (0, 0, 0))).valid
 
 
-def test_a_skin_knows_whether_it_is_touched_not_where():
+def test_a_skin_reports_whether_it_is_touched_not_where():
     touch = FieldTouch(on=10, off=5, rest=1)
     quiet = FieldFrame(np.full(5, 21.0), np.zeros((5, 3)))
     assert touch(0.0, quiet) is None

@@ -162,7 +162,7 @@ def test_only_a_ground_makes_the_face_known_that_a_body_lies_on():
     assert unobserved(np.zeros((3, 2), bool))[2] == "side z: neither face touched"
 
 
-def test_information_of_an_estimate_is_positive_and_speaks_of_all_it_names(estimate):
+def test_information_of_an_estimate_is_positive_and_covers_all_its_names(estimate):
     information = observed_information(estimate)
     assert np.linalg.eigvalsh(information.matrix).min() > 0
     assert len(information.names) == len(information.matrix)

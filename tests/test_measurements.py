@@ -61,7 +61,7 @@ def test_counts_and_interval_are_those_of_the_recording():
     assert "contacts: 6" in repr(data)
 
 
-def test_the_arrays_are_copies_that_nobody_can_write_to():
+def test_the_arrays_are_read_only_copies():
     given = arrays()
     data = Measurements(**given)
     given["finger_position"][0] = 9.0

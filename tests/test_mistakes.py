@@ -115,7 +115,7 @@ def test_an_inexact_clock_is_no_jump(data):
     check_mistakes(seen, Scene())
 
 
-def test_what_is_mirrored_as_a_whole_is_not_told(data):
+def test_a_wholly_mirrored_recording_cannot_be_detected(data):
     # Mirrored positions and normals are those of a mirrored world.
     flip = [-1.0, 1, 1]
     both = replace(
@@ -136,7 +136,7 @@ def test_a_tilted_ground_changes_nothing(data):
     assert gain < limit
 
 
-def test_whoever_knows_better_switches_the_check_off(data):
+def test_the_check_for_mistakes_can_be_switched_off(data):
     wrong = MISTAKES["point into the object"](data)
     high = Scene(ground=Ground(height=1.0))  # so that the next check refuses
     with pytest.raises(MeasurementError, match="below"):

@@ -141,7 +141,7 @@ def test_a_success_that_violates_constraints_is_none():
     assert solution.status == "Constraints_Violated"
 
 
-def test_a_success_that_is_no_optimum_is_none():
+def test_a_claimed_success_that_is_no_optimum_is_rejected():
     """What a solver says of its own convergence is compared with the programme."""
     problem, _, _ = decay()
 

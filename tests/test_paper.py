@@ -247,7 +247,7 @@ def test_penetration_is_charged_by_its_square_and_a_gap_is_free(free):
         agree(free.value(f"{name} penetration"), expected)
 
 
-def test_the_cone_is_exact(free):
+def test_the_friction_cone_contains_exactly_the_impulses_of_coulombs_law(free):
     for name, mu in (("finger", 0.5), ("ground", 0.3)):
         lam = free.values[name] / W
         inside = np.hypot(lam[1], lam[2]) <= mu * lam[0]

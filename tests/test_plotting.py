@@ -156,7 +156,7 @@ def test_the_band_of_a_size_that_was_not_felt_is_one_sigma_of_it(touched):
     assert wide == pytest.approx(touched.side_lengths[side] * MM + sigma, rel=1e-6)
 
 
-def test_the_band_at_the_last_sample_knows_of_the_pose(touched):
+def test_the_band_at_the_last_sample_includes_the_error_of_the_pose(touched):
     # Errors of a side and of the position that keep a touched face in place cancel.
     (band,) = labelled(plot_top(touched).axes[0], BAND)
     wide = np.array(sides(touched, -1, band.get_xy()))[:2]

@@ -38,7 +38,7 @@ def lone_silence(data):
     return t + 1, f
 
 
-def test_a_touch_that_stands_alone_says_nothing(slid):
+def test_a_touch_of_one_sample_is_not_used(slid):
     free = ~slid.contact & slid.valid
     contact, normal = slid.contact.copy(), slid.normal.copy()
     t = int(np.argmax(free[:, 0]))  # the hand is still on its way: all silent
@@ -48,7 +48,7 @@ def test_a_touch_that_stands_alone_says_nothing(slid):
     assert without_outliers(flipped, 0.0).valid[t + 1, 0]
 
 
-def test_a_silence_amid_a_touch_says_nothing(slid):
+def test_one_missing_sample_within_a_touch_is_not_used_as_free(slid):
     t, f = lone_silence(slid)
     contact, normal = slid.contact.copy(), slid.normal.copy()
     contact[t, f], normal[t, f] = False, 0.0

@@ -47,7 +47,7 @@ def test_long_work_draws_a_bar_and_wipes_it(clock):
     assert said.endswith("\r\033[K")
 
 
-def test_nobody_sees_a_bar_in_a_file(clock):
+def test_a_file_gets_no_progress_bar(clock):
     file = io.StringIO()
     walk(clock, range(10), 1.0, file)
     assert file.getvalue() == ""

@@ -85,7 +85,7 @@ def test_it_needs_nothing_from_elsewhere(page):
     assert not re.search(r"""(src|href)\s*=|https?://|@import|url\(|fetch\(""", text)
 
 
-def test_it_shows_what_the_estimate_says(page, estimate):
+def test_the_report_shows_the_numbers_of_the_estimate(page, estimate):
     shown, data = content(page), estimate.measurements
     np.testing.assert_allclose(shown["position"], estimate.position, atol=1e-5)
     np.testing.assert_allclose(shown["quaternion"], estimate.quaternion, atol=1e-6)

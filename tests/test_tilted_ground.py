@@ -19,7 +19,7 @@ from tactilenlp.tracking.surface import body_surface, pose_of
 LEAN = np.radians((0.7, -0.5, 0.0))  # [rad] rotation vector of the world
 
 
-def test_a_turned_ground_keeps_a_point_and_knows_what_was_told():
+def test_a_turned_ground_keeps_a_point_and_remembers_the_given_one():
     told = Ground(0.1, tuple(Rotation.from_rotvec([0.3, 0.1, 0]).apply([0, 0, 1.0])))
     about = np.array([0.2, -0.1, 0.0])
     turned = told.turned((0.01, -0.02), about)

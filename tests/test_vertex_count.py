@@ -95,7 +95,7 @@ def test_hulls_of_fewer_vertices_lie_in_those_of_more():
         assert (np.linalg.norm(fewer[:, None] - more, axis=2).min(axis=1) < 1e-12).all()
 
 
-def test_no_count_is_tried_that_a_smaller_one_has_room_for():
+def test_each_tried_hull_has_fewer_vertices_than_the_one_before():
     counts = sorted(COUNTS, reverse=True)
     assert [len(V) for V in with_counts(CUBE, counts)] == [8, 6, 4]
     assert [len(V) for V in with_counts(CUBE[:7], counts)] == [8, 6, 4]

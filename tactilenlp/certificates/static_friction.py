@@ -53,8 +53,8 @@ class Slip(NamedTuple):
 def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     """Return the largest force on the still spans as a share of static friction [-].
 
-    And the cuts of the spans that may slip.  whole: the UnreducedProblem, with a pose
-    for every sample, of a body on the ground.
+    The second result are the cuts of the spans that may slip.  whole: the
+    UnreducedProblem, with a pose for every sample, of a body on the ground.
     """
     x = whole.problem.unpack(whole.x)["x"]
     arm = np.r_[1, 1, _lever_arm(solved, whole.window)]
@@ -66,7 +66,8 @@ def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
 def slip_gain(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     """Return by how many nats slips of a floating body would lower the objective.
 
-    And the cuts of the spans that may slip; whole: as of `rest_force`.
+    The second result are the cuts of the spans that may slip.  whole: as of
+    `rest_force`.
     """
     x = whole.problem.unpack(whole.x)["x"]
     along = np.tile(np.eye(len(x)), (x.shape[1], 1, 1))  # it may move any way

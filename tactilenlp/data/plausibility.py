@@ -231,10 +231,7 @@ def radii(record: Record) -> float:
 
 
 def kinks(record: Record) -> float:
-    """A path is smooth, and bends where the finger begins to touch.
-
-    And once more where it was told to turn round.
-    """
+    """A path is smooth; it bends where the finger begins to touch, or turns."""
     return sum(_kink(record, t, f) for t, f in zip(*record.events.onset, strict=True))
 
 

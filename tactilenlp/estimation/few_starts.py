@@ -20,8 +20,8 @@ log = logging.getLogger("tactilenlp")
 class FewStarts(NamedTuple):
     """An update from few starts, before others are searched for.
 
-    search: as far as it came, for the others to go on with; solved: the page solved
-    from these starts; enough: whether they suffice.  Without an update there is none.
+    search: as far as it came, for the others to continue; solved: the page solved from
+    these starts; enough: whether they suffice.  Without an update, `solved` is empty.
     """
 
     search: TrackingSearch | None = None

@@ -1,7 +1,7 @@
-"""Second searches: what a first one found that calls for another, and as what job.
+"""Second searches: when the result of a first one asks for another, and of what job.
 
-Of what was found to differ from what the first search took for granted (latency, soft
-fingertips of a polytope, a ground that leans), of an update that costs too much, and,
+A search is repeated where its assumptions turned out to be wrong (latency, soft
+fingertips of a polytope, a ground that leans), where an update costs too much, and,
 where the trajectory is doubtful, from more draws of the body at the first touch.
 """
 

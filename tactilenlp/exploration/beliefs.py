@@ -1,9 +1,9 @@
 """The belief before an action: weighted Gaussians about the hypotheses of an estimate.
 
-For shapes with sizes.  The Gaussian of the best hypothesis has the exact information of
-the estimate, reduced to its sigma where that is larger.  Where this information is
-indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.  Of
-polytopes: polytope_beliefs.py.
+This module has the beliefs of shapes with sizes, polytope_beliefs.py has those of
+polytopes.  The Gaussian of the best hypothesis has the exact information of the
+estimate, reduced to its sigma where that is larger.  Where this information is
+indefinite, and for the other hypotheses, it is eq:obsinfo of all samples.
 """
 
 from __future__ import annotations

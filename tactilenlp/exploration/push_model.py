@@ -227,9 +227,10 @@ def check_workspace(space, scene, radius) -> None:
 
 
 def check_predictable(scene, shape) -> None:
-    """Raise SceneError without a ground, on which the prediction of a push rests.
+    """Raise an error unless pushes can be predicted.
 
-    And OptionError for a shape whose motion cannot be predicted.
+    SceneError: there is no ground, on which the prediction rests.  OptionError: the
+    motion of this shape cannot be predicted.
     """
     if scene.ground is None:
         raise SceneError(

@@ -1,6 +1,7 @@
 """Touch an unknown object for the first time: aim at a given place, else sweep.
 
-And check before the first command that a world can make the motions of a workspace.
+`check_reach` raises, before the first command, if a world cannot make the motions of a
+workspace.
 """
 
 from __future__ import annotations

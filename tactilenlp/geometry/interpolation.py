@@ -14,7 +14,8 @@ PARKED_MOTION = 1e-9  # [m] a finger whose path is shorter is parked
 def path_of(trajectory, *limits) -> tuple[Callable, float, np.ndarray]:
     """Return finger positions as a function of time, duration [s], parked fingers (F,).
 
-    By PCHIP, from time 0.  limits, and what is raised: as in checked_trajectory.
+    The path is interpolated by PCHIP and begins at time 0.  limits, and errors raised:
+    see checked_trajectory.
     """
     from scipy.interpolate import PchipInterpolator  # lazily: import stays light
 
@@ -26,8 +27,8 @@ def path_of(trajectory, *limits) -> tuple[Callable, float, np.ndarray]:
 def fill_gaps(values: np.ndarray, time: np.ndarray, group: np.ndarray, gone) -> None:
     """Fill values (T, F, n) in place where they are gone (T, F), linearly in time.
 
-    Within a group (T,), such as an action; before the first and after the last known
-    value of a group that one holds, and a group without any stays as it is.
+    Each group (T,), such as an action, is filled from its own values.  Before its first
+    and after its last known value that one holds; without any, nothing is filled.
     """
     for f in np.flatnonzero(gone.any(axis=0)):
         for number in np.unique(group[gone[:, f]]):

@@ -1,10 +1,10 @@
 """`Body`: shape, inertia and friction identified from motion, with deviations.
 
-And how well it explains the motion: what its likelihood terms cost, and should.  A step
-costs 4 (sqrt(1 + off / 4) - 1), with off chi-square of six degrees of freedom under the
-noise model; the corner in contact, one a step, costs half a chi-square of one degree,
-above or below the ground.  Unknown impulses explain a part, so that the expected costs
-are upper bounds.  The verdict and the widening are those of
+It also tells how well it explains the motion: what its likelihood terms cost, and what
+they should.  A step costs 4 (sqrt(1 + off / 4) - 1), with off chi-square of six degrees
+of freedom under the noise model; the corner in contact, one a step, costs half a chi-
+square of one degree, above or below the ground. Unknown impulses explain a part, so
+that the expected costs are upper bounds. The verdict and the widening are those of
 information/goodness_of_fit.py, for the worst of the terms.
 """
 

@@ -242,7 +242,7 @@ def _log_volume(C) -> float:
 def aligned(shape, mode: LocalOptimum, reference: LocalOptimum):
     """Return offset (k,) of a mode from a reference, and its covariance.
 
-    Of the body's relabellings (order of theta, rotation), that which turns least.
+    The mode is relabelled (order of theta, rotation) so that it is turned least.
     """
     order, S = relabelling(shape, mode.R, reference.R)
     index = np.r_[np.array(order, int), np.arange(shape.theta, len(mode.z))]
@@ -273,7 +273,7 @@ def relabellings(shape, upright: bool = False) -> list[tuple[list[int], np.ndarr
 def turn_between(shape, R, R_0) -> np.ndarray:
     """Return the rotation vectors (..., 3) [rad] from R_0 to R, each (..., 3, 3).
 
-    Without what a round body turns about its own axis: that means nothing.
+    The turn of a round body about its own axis is left out: it has no effect.
     """
     turn = Rotation.from_matrix(R @ np.swapaxes(R_0, -1, -2)).as_rotvec()
     if not shape.round:

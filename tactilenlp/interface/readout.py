@@ -54,7 +54,7 @@ def read_off(
     """Return the estimate of a solved page, in the frame of the data.
 
     kept: hypotheses for the next action; seconds: of CPU time by step, and of waiting
-    for compilers; deadline: of the information, without which sigma is the prior's;
+    for compilers; deadline: of the information: after it, sigma is that of the prior;
     modes: other local optima of the same page.
     """
     job, solution = replace(solved.job, deadline=deadline), solved.solution

@@ -83,15 +83,15 @@ class Request:
         return replace(self, start=start)
 
     def less_sure_of_pushes(self) -> Request:
-        """Return it, less sure of how pushes move the body, which is not carried."""
+        """Return a request that trusts predicted pushes less; no body is carried."""
         settings = {"process_noise": PROCESS_NOISE_FACTOR, "may_be_carried": False}
         return replace(self, job=self.job.with_search(**settings))
 
     def jobs_by_action(self) -> list[Job]:
         """Return jobs of the first actions, from the first touch on, one more each.
 
-        In an update of a polytope that of all actions: the estimate that it starts from
-        came about so.
+        An update of a polytope has the job of all actions alone: the estimate that it
+        starts from was found action by action.
         """
         job, data = self.job, self.job.data
         if isinstance(self.start, Estimate) and job.shape.of_vertices:
@@ -191,10 +191,7 @@ def check_start(start, shape, scene) -> None:
 
 
 def first_guess(start, shape, ground: Ground) -> Hypothesis | None:
-    """Return a user's guess as the search takes it: one planar pose; or None.
-
-    In the frame of the ground.
-    """
+    """Return a user's guess in the frame of the ground, one planar pose; or None."""
     if not isinstance(start, Guess):
         return None
     theta = start.side_lengths

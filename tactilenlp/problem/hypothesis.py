@@ -78,7 +78,7 @@ class Hypothesis:
     def with_axes_of_ground(self) -> tuple[Hypothesis, np.ndarray]:
         """Return the planar motion of a polytope in axes of the ground at the end.
 
-        And the rotation (3, 3) from the body's axes before to those now.
+        The second result is the rotation (3, 3) from the axes before to those now.
         """
         turn = planar_matrix(yaw := self.x[2, -1])
         theta = (self.theta.reshape(-1, 3) @ turn.T).ravel()

@@ -62,11 +62,11 @@ MIN_INFORMATION = 1.0  # [1 / m^2] about any direction
 def update_by_one_action(job: Job, start) -> tuple[Solved | None, bool]:
     """Return the page of all actions, solved from an estimate of all but the last one.
 
-    And whether that is accepted: every touch is explained, nothing jumps, the objective
-    rises by no more than an action usually adds, no certificate is broken that held
-    before, and evidence asks for as many vertices as before.
-    Otherwise all actions are to be solved again, and the better result kept. None where
-    `start` is no such estimate.
+    The second result tells whether it is accepted: every touch is explained, nothing
+    jumps, the objective rises by no more than an action usually adds, no certificate
+    is broken that held before, and evidence asks for as many vertices as before.
+    Otherwise all actions are to be solved again, and the better result kept.  It is
+    None where `start` is no such estimate.
     """
     if not is_one_action_more(start, job):
         return None, False

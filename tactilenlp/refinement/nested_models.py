@@ -52,9 +52,9 @@ class Nuisance(NamedTuple):
 
 
 def lost_by_compliance(job, best: Solved) -> bool:
-    """Tell whether a search of the job may have lost the body for want of a compliance.
+    """Tell whether a search may have lost a polytope for want of a compliance.
 
-    Of a polytope, whose search took fingertips for rigid that a solve found soft.
+    It took fingertips for rigid that a solve found soft.
     """
     soft = job.reductions.rigid and not best.job.reductions.rigid
     return soft and job.shape.of_vertices and job.search.hypothesis is None

@@ -73,7 +73,7 @@ class Profile:
         direction, off: what all unknowns, and sizes and final pose (k,), do by the
         Hessian where it is off by a deviation, SI. The Hessian's deviation is kept
         where it is large, where there is no profile, and of an untouched size or a pose
-        where it is the larger one. And a better solve, or None.
+        where it is the larger one.  The second result is a better solve, or None.
         A larger body is the flatter side: what lies behind a touched face contradicts
         no finger. A smaller one is solved where a larger one gives no result; of a pose
         both directions are solved, and the wider one counts.

@@ -63,9 +63,9 @@ def profile_deviations(solved, seeks=True) -> tuple[np.ndarray, Solved | None]:
 
     Row i: a deviation of a size that no touch determines, or of a position [m], and
     what sizes [m] and the unknowns of the last pose do then; 0 where there is no
-    profile. And a solve, with one of them held, that is better than the given one, at
-    which the profiles end, or None; unless it seeks one, a lower objective counts as
-    none higher.
+    profile.  The second result is a solve, with one of them held, that is better than
+    the given one, at which the profiles end, or None; unless it seeks one, a lower
+    objective counts as none higher.
     """
     shape, end = solved.job.shape, solved.at.end
     n, deviations = shape.theta, np.zeros((len(end), len(end)))

@@ -117,8 +117,8 @@ class TrackingSearch:
 
     kept: hypotheses of the first actions to continue, if any; count: of the starts;
     executor: see least_motion; keep(hypotheses): is called with those of the actions
-    done, also by Ctrl-C; out_of: maps a resulting hypothesis to another frame.  What it
-    was asked for first is not computed again.
+    done, also by Ctrl-C; out_of: maps a resulting hypothesis to another frame.  Optima
+    of least motion are kept: the same track is not solved twice.
     """
 
     job: Job

@@ -110,10 +110,11 @@ def _solve_until_alike(job, hypotheses, levels, earlier, provisional) -> None:
 def _solve_stages(job, h, built, stages, starts) -> tuple[Solved, list, Solved | None]:
     """Solve the stages one after another; return the last solve, and where each ended.
 
-    And the solve from an earlier start, if a stage ends at the same body as that start
-    did at that stage: the rest is skipped.  Nearly all starts of soft fingertips come
-    together at the first one (18 of 18, results/EXPERIMENTS.md).  starts: last solve
-    and ends of each; an end of a failed solve is None.
+    The third result is the solve from an earlier start, if a stage ends at the same
+    body as that start did at that stage: the rest is skipped. Nearly all starts of
+    soft fingertips come together at the first one (18 of 18,
+    results/EXPERIMENTS.md). starts: last solve and ends of each; an end of a failed
+    solve is None.
     """
     solved, ends = None, []
     for levels in stages:

@@ -65,8 +65,8 @@ def poses_of_new_action(job, faces: Faces) -> np.ndarray:
 def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
     """Return planes and poses of one more action, those of its past held, best first.
 
-    From predicted paths, until AGREED of them lead to the best optimum; optima whose
-    turns differ.
+    They are solved from predicted paths, until AGREED of these lead to the best
+    optimum.  Returned are optima whose turns differ.
     """
     fits = []
     for path in predicted_paths(job, window, faces, samples):

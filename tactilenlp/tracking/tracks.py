@@ -106,7 +106,7 @@ class KalmanFilter:
 def filter_of(job: Job, data) -> KalmanFilter:
     """Return the filter of a job, of data as spherical fingertips would measure them.
 
-    Where the fingers are not known, gaps tell less.
+    Gaps are as uncertain as the fingers' positions.
     """
     scene = job.scene
     place = np.hypot(job.precision.position, scene.typical_offset)
