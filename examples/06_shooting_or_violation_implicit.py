@@ -16,9 +16,9 @@ from tactilenlp import (
     Scene,
     example_recording,
     problem_of,
+    solve,
     solve_estimate,
 )
-from tactilenlp.solvers.solve import solve
 
 LEAN = Options(hypotheses=1, starts=4)
 picture = sys.argv[1] if sys.argv[1:] else "shooting.png"
@@ -38,9 +38,7 @@ for name in ("shooting", "violation_implicit"):
     for offset in offsets:
         start = known | {"theta": known["theta"] + offset * np.eye(3)[:, [1]]}
         if name == "shooting":  # the poses are functions of the first ones
-            x = problem.eliminated.complete(problem.pack(start), problem.data())
-            costs = (problem.value(n, x, problem.data()) for n in problem.costs)
-            losses.append(sum(cost.sum() for cost in costs))
+            losses.append(problem.objective(start))
         else:  # the impulses of least violation
             least = solve(problem, start=start, fixed=("theta", "x"), throw=False)
             losses.append(least.objective)

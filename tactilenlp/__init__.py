@@ -79,6 +79,7 @@ _HOMES = {
     "extend": "problem.pages",
     "Page": "problem.pages",
     "Executor": "search.least_motion",
+    "solve": "solvers.solve",
     "SolverOptions": "solvers.options",
     "Solution": "solvers.solution",
     "TactileError": "errors",

@@ -24,6 +24,17 @@ from scipy.sparse.linalg import splu
 from ..errors import PageError
 
 
+def objective(problem, values: dict[str, np.ndarray] | None = None) -> float:
+    """Return the objective of a problem at values by name, SI; the guesses elsewhere.
+
+    Unknowns that follow from others are computed, whatever their values are.
+    """
+    x, data = problem.pack(values or {}), problem.data()
+    if problem.dependent:
+        x = problem.eliminated.complete(x, data)
+    return float(sum(problem.value(name, x, data).sum() for name in problem.costs))
+
+
 class Eliminated:
     """A problem in its free unknowns u, scaled; to be evaluated as an Assembly is.
 

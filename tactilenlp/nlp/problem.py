@@ -26,7 +26,7 @@ from ..common.validation import check_kind, check_one_of, numbers_of
 from ..errors import PageError
 from .assembly import Assembly
 from .diagnostics import check, describe
-from .nlpsol import Eliminated
+from .nlpsol import Eliminated, objective
 from .term_functions import (
     TermFunctionCache,
     default_cache,
@@ -224,7 +224,7 @@ class Problem:
         return sp.csc_matrix((np.r_[values, values[off]], (i, j)), (self.size,) * 2)
 
     # -- what authors of pages and solvers ask for ------------------------------------
-    describe, check = describe, check  # the functions of diagnostics, as methods
+    describe, check, objective = describe, check, objective  # functions, as methods
 
     @cached_property
     def assembly(self) -> Assembly:
