@@ -20,6 +20,9 @@ EQUAL_NORMALS = 0.005  # [rad] normals of exact sensors closer than this are equ
 OUTLIER_ANGLE = 0.5  # [rad] from the normals of all neighbours: an outlier
 LARGEST_GAP = 2  # samples: a flipped boolean may separate two touches
 COMPARED_TOUCHES = 4  # touches on either side whose mean normals are compared
+# Of one contact: on an edge the normal turns with every sample.  Contacts of actions of
+# a second have 10 at most (six shared hulls).
+MOST_SEGMENTS = 12
 REPEATED = 0.1  # [sample intervals] sooner than this, a sample has come twice
 STANDING = 0.05e-3  # [m] a finger that moves less in a sample is not approaching
 NORMAL_SAMPLES = 2  # whose normals are averaged: later ones show a body that turned
@@ -153,25 +156,43 @@ def contact_segments(touch, sigma: float) -> np.ndarray:
     begins[1:] = (f[1:] != f[:-1]) | (np.diff(t) > LARGEST_GAP)
     starts = np.nonzero(begins)[0]
     for first, last in pairwise([*starts, len(begins)]):
-        begins[_breaks(n[first:last], sigma) + first] = True
+        begins[[first + i for i in _breaks(n[first:last], sigma)]] = True
     run = np.empty(len(order), int)
     run[order] = np.cumsum(begins) - 1
     return run
 
 
-def _breaks(n, sigma: float) -> np.ndarray:
-    """Return where in normals (k, 3) new segments begin (binary segmentation)."""
-    excess = np.zeros(len(n))
-    for i in range(1, len(n)):
-        before, after = n[max(0, i - COMPARED_TOUCHES) : i], n[i : i + COMPARED_TOUCHES]
+def _breaks(n, sigma: float) -> list[int]:
+    """Return where in normals (k, 3) new segments begin (binary segmentation).
+
+    The clearest changes come first, until noise explains all others.
+    """
+    found, parts = [], [_clearest_break(n, 0, len(n), sigma)]
+    while len(found) + 1 < MOST_SEGMENTS:
+        excess, i, first, last = part = max(parts)
+        if excess <= 1:
+            break
+        parts.remove(part)
+        parts += [_clearest_break(n, *ends, sigma) for ends in ((first, i), (i, last))]
+        found.append(i)
+    return found
+
+
+def _clearest_break(n, first: int, last: int, sigma: float) -> tuple:
+    """Return how clear the clearest break between touches is, where, and both ends.
+
+    It is the difference of the mean normals before and after, over that which noise
+    explains.
+    """
+    excess = np.zeros(last - first)
+    for k in range(first + 1, last):
+        before = n[max(first, k - COMPARED_TOUCHES) : k]
+        after = n[k : min(last, k + COMPARED_TOUCHES)]
         doubt = NOISE_SIGMAS * sigma * np.sqrt(1 / len(before) + 1 / len(after))
         apart = np.linalg.norm(before.mean(axis=0) - after.mean(axis=0))
-        excess[i] = apart / np.hypot(EQUAL_NORMALS, doubt)
-    if excess.max(initial=0.0) <= 1:
-        return np.zeros(0, int)
+        excess[k - first] = apart / np.hypot(EQUAL_NORMALS, doubt)
     i = int(np.argmax(excess))
-    left, right = _breaks(n[:i], sigma), _breaks(n[i:], sigma)
-    return np.r_[left, i, right + i].astype(int)
+    return excess[i], first + i, first, last
 
 
 def late_gap(data: Measurements) -> np.ndarray:
