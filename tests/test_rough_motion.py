@@ -16,7 +16,12 @@ from tactilenlp.estimation import optima
 from tactilenlp.estimation.second_searches import from_more_draws
 from tactilenlp.information.goodness_of_fit import PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
-from tactilenlp.local.margins import DECISIVE, DOUBTFUL, PHYSICS_SHARE
+from tactilenlp.local.margins import (
+    DECISIVE,
+    DOUBTFUL,
+    PHYSICS_SHARE,
+    STEPS_OF_ACTION,
+)
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
@@ -27,7 +32,7 @@ from tactilenlp.tracking.process_noise import PROCESS_NOISE_FACTOR
 from tactilenlp.tracking.tracking import predicted_tracks, tracks_after
 from tactilenlp.tracking.tracks import filter_of
 
-STEPS = 12  # of the body in one action
+STEPS = 3 * STEPS_OF_ACTION  # of the body in one long action
 
 
 @pytest.fixture(scope="module")
@@ -145,10 +150,10 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
-    moved, balance = 0.0, 0.99 * (DECISIVE + STEPS * PHYSICS_SHARE)
+    moved, balance = 0.0, 0.99 * (DECISIVE + 3 * PHYSICS_SHARE)
     assert not searched(asked)
     assert searched(asked, least=DOUBTFUL)
-    balance = 1.01 * (DECISIVE + STEPS * PHYSICS_SHARE)
+    balance = 1.01 * (DECISIVE + 3 * PHYSICS_SHARE)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
     assert not searched(asked, precision=Precision(1e-3, 0.1))

@@ -14,12 +14,14 @@ FAILED_BEHIND = 100.0  # after first levels that stopped early
 # What an objective says of a solve:
 UNCHANGED = 0.5  # more data that add less leave the optimum as it was
 RESTORED = 1.0  # what a reduction dropped may add when it is restored
-# What physics may cost each step, besides DOUBTFUL or DECISIVE: on the right poses of
-# 119 clean boxes of 1 to 6 actions of a second, of about 13 steps, it costs 1.8 nats at
-# most, of six of 20 actions 5.2; on the poses of the four that were lost 2.2 to 9.7.
-# On the right poses of six boxes of actions of 2 and 3 s, of 45 to 70 steps, it costs
-# 2.4 to 4.9, once 12; on the poses of two that were lost 13 and 19.
-PHYSICS_SHARE = 1 / 60
+# What physics may cost each action, besides DOUBTFUL or DECISIVE: on the right poses
+# of 119 clean boxes of 1 to 6 actions it costs 1.8 nats at most, of six of 20 actions
+# 5.2; on the poses of the four that were lost 2.2 to 9.7.  Those actions have 13 steps
+# at the mean, a longer one counts as several: on the right poses of six boxes of
+# actions of 2 and 3 s, of 40 to 70 steps, it costs 2.4 to 4.9, once 12, on those of two
+# that were lost 13 and 19.
+PHYSICS_SHARE = 0.2
+STEPS_OF_ACTION = 13
 UPDATE_SHARE = 2.0  # [cost of an action so far] that an update may add per action
 
 # Between solves to the end:

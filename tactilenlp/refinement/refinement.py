@@ -26,6 +26,7 @@ from ..local.margins import (
     LEAST_MOTION_BEHIND,
     NEGLIGIBLE,
     PHYSICS_SHARE,
+    STEPS_OF_ACTION,
     UNCHANGED,
 )
 from ..local.solved import Solved, best_first
@@ -138,7 +139,7 @@ def fits_badly(request, best: Solved, physics_least: float = DECISIVE) -> bool:
     Its touches cost more than expected: the fit is not good; or, of a class with sizes,
     it moved between two actions, but neither slid on nor was pushed on; or precise
     touches agree with poses that physics does not, by more than physics_least [nats]
-    and what each step leaves.
+    and what each action leaves, a long one more.
     A second search may find a lower optimum: action by action, with more process noise,
     or without a body that is carried.  Of a class with sizes that is no box, the class
     may be wrong.
@@ -155,7 +156,8 @@ def fits_badly(request, best: Solved, physics_least: float = DECISIVE) -> bool:
     # Of soft fingertips physics has no row.
     rows = {} if fit is None else fit.terms
     physics = rows[PHYSICS_ROW].actual if PHYSICS_ROW in rows else 0.0
-    limit = physics_least + PHYSICS_SHARE * len(best.window.step)
+    count = max(job.data.actions, len(best.window.step) / STEPS_OF_ACTION)
+    limit = physics_least + PHYSICS_SHARE * count
     if precise(job.data, job.precision) and physics > limit:
         return True
     if job.shape.of_vertices or BETWEEN_ACTIONS not in problem.costs:
