@@ -63,9 +63,9 @@ def test_what_was_refused_is_infinitely_far_and_outside(benchmarks):
 def test_how_fingers_push_is_no_choice_where_the_policy_pushes(benchmarks):
     study, _ = benchmarks
     kept = {name for name, kinds in study.DEPARTURES.items() if study._of_world(kinds)}
-    assert {"contact", "fingertip", "size", "latency", "wall"} <= kept
+    assert {"contact", "fingertip", "size", "latency", "wall", "mass"} <= kept
     assert not kept & {"pushed high", "from above", "begins in contact"}
-    assert not kept & {"carried", "speed"}
+    assert not kept & {"carried", "speed", "path", "duration", "bumped"}
 
 
 def test_quantiles_are_infinite_only_where_a_failure_weighs_in(benchmarks):

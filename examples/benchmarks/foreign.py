@@ -24,7 +24,7 @@ import numpy as np
 from foreign_bodies import Box
 from foreign_departures import DEPARTURES
 from foreign_report import picture, summary
-from foreign_world import ForeignWorld, recorded, told_of
+from foreign_world import ForeignWorld, body_of, recorded, told_of
 from judging import solved, touched_sizes
 from study import study_parser, table, tabled_study, telling, write_csv
 
@@ -44,8 +44,7 @@ def measured(
     chosen = DEPARTURES[departure][strength].of(number)
     if file is None:
         world = ForeignWorld(**chosen.world)
-        factors = world.scale, world.radius, world.mass, world.friction
-        true = recorded(body(number, *factors), world, actions)
+        true = recorded(body_of(world, number, body), world, actions)
         data, scene = told_of(true)
     else:
         true, data, scene = np.load(file), Measurements.load(file), Scene.load(file)

@@ -25,8 +25,9 @@ from exploration_report import comparison_lines
 from foreign import arguments, errors_in, warm
 from foreign_bodies import AIM, Box
 from foreign_departures import DEPARTURES, Departure
+from foreign_paths import STEP
 from foreign_report import ratios
-from foreign_world import FINGERS, REST, SCENE, STEP, ForeignWorld, Simulation
+from foreign_world import REST, SCENE, ForeignWorld, Simulation, body_of
 from judging import placed, quantile, refusal
 from study import grouped, table, tabled_study, telling, write_csv
 from trimesh.creation import box as box_mesh
@@ -36,7 +37,9 @@ from tactilenlp.errors import TactileError
 from tactilenlp.geometry.interpolation import path_of
 
 BEYOND = 5.0  # [sigma] further off is confidently wrong, if the fit is good
-OF_PUSHES = {"heights", "above", "touching", "carried", "speed"}  # of a ForeignWorld
+# Of a ForeignWorld: how its own pushes are.
+OF_PUSHES = {"heights", "above", "touching", "carried", "speed", "path", "duration",
+             "bumped"}  # fmt: skip
 SUMMARY = ("n", "surface_mm", "p90_mm", "worst_mm", "within_3", "beyond_good", "nees")
 
 
@@ -45,12 +48,12 @@ class TouchedSimulation:
 
     def __init__(self, box: Box, world: ForeignWorld):
         self.simulation, self.box, self.world = Simulation(box, world), box, world
-        self.finger_radius = np.full(FINGERS, world.radius)
+        self.finger_radius = np.full(world.fingers, world.radius)
         self.samples, self.pose = 0, self.simulation.pose
 
     def execute(self, trajectory) -> Measurements:
         """Move the fingers along a trajectory; then take them away."""
-        path, duration, parked = path_of(trajectory, FINGERS, np.inf, np.inf)
+        path, duration, parked = path_of(trajectory, self.world.fingers, np.inf, np.inf)
         simulation, rows = self.simulation, []
         every = round(1 / (self.world.rate * STEP))
         simulation.place(path(0.0))
@@ -83,7 +86,7 @@ def explored(departure, strength, number, actions, policy) -> list[dict]:
     """Return a row for the first touch and each action of one exploration."""
     warm()
     foreign = ForeignWorld(**DEPARTURES[departure][strength].world)
-    box = Box(number, foreign.scale, foreign.radius)
+    box = body_of(foreign, number)
     world = TouchedSimulation(box, foreign)
     told = dict(zip(SCENE, (box.mass, box.ground, box.finger), strict=True))
     about = {"departure": departure, "strength": strength, "box": number}

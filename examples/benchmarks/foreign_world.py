@@ -87,6 +87,11 @@ class ForeignWorld:
     bumped: float = 0.0
 
 
+def body_of(world: ForeignWorld, number: int, kind=Box) -> Box:
+    """Return the body of a number in a world: a Box or a Hull."""
+    return kind(number, world.scale, world.radius, world.mass, world.friction)
+
+
 class Simulation:
     """A box on the ground and fingertips, stepped by MuJoCo."""
 

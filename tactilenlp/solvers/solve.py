@@ -122,7 +122,9 @@ def solve(
 
     Raises NotConverged unless the solver succeeded or `throw` is False.
     """
-    check_types(options=(options, (SolverOptions, type(None))))
+    check_types(
+        problem=(problem, Problem), options=(options, (SolverOptions, type(None)))
+    )
     warm = start if isinstance(start, Solution) else None
     if not problem.variables:
         raise PageError("no unknowns", where="solve", next="declare nlp.variable(...)")
