@@ -18,10 +18,18 @@ from tactilenlp.interface.request import make_job
 from tactilenlp.problem.hypothesis import Hypothesis
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.problem.window import Samples
-from tactilenlp.search.plane_slam import as_measured, poses_of_new_action
+from tactilenlp.search.plane_slam import (
+    DOUBTFUL_PATHS,
+    HYPOTHESES,
+    TURN,
+    Faces,
+    as_measured,
+    best_of,
+    poses_of_new_action,
+)
 from tactilenlp.search.polytope_init import planes_on_body
 
-RADIUS, TURN = 0.01, 0.02  # [m] of a finger; [rad] a sample, of a body
+RADIUS, SPIN = 0.01, 0.02  # [m] of a finger; [rad] a sample, of a body
 SAMPLES = np.arange(12)
 SIZE = (0.022, 0.008)  # [m]
 CUBE = np.stack(np.meshgrid([-0.02, 0.02], [-0.02, 0.02], [0, 0.04]), -1).reshape(-1, 3)
@@ -39,7 +47,7 @@ def touches(point, normal):
 
 def turning_path():
     """Return poses (3, T) of a body that turns about its origin."""
-    return np.vstack([np.zeros((2, len(SAMPLES))), TURN * SAMPLES])
+    return np.vstack([np.zeros((2, len(SAMPLES))), SPIN * SAMPLES])
 
 
 def planes_of(turned):
@@ -50,7 +58,7 @@ def planes_of(turned):
 
 
 def test_touches_of_a_face_that_turns_are_on_one_plane():
-    plane, n, b = planes_of(TURN * SAMPLES)
+    plane, n, b = planes_of(SPIN * SAMPLES)
     assert not plane.any()
     np.testing.assert_allclose(n, [[1, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(b, 0.02, atol=1e-12)
@@ -59,7 +67,7 @@ def test_touches_of_a_face_that_turns_are_on_one_plane():
 def test_a_constant_normal_on_a_body_that_turns_is_of_as_many_planes_as_touches():
     plane, n, _ = planes_of(0.0 * SAMPLES)
     np.testing.assert_array_equal(plane, SAMPLES)
-    np.testing.assert_allclose(np.arctan2(n[:, 1], n[:, 0]), -TURN * SAMPLES)
+    np.testing.assert_allclose(np.arctan2(n[:, 1], n[:, 0]), -SPIN * SAMPLES)
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +128,19 @@ def test_a_new_action_leaves_the_poses_of_the_past_as_they_are():
     np.testing.assert_allclose(found[:, :past], x[:, :past], atol=1e-12)
     off = found[:, past:] - x[:, past:]
     assert np.abs(off[:2]).max() < 3e-3
+
+
+def test_a_doubtful_trajectory_keeps_more_paths_that_turn_by_less():
+    """Of paths of about equal cost, each turned by 0.6 of TURN from the one before."""
+    turns, none = 0.6 * TURN * np.arange(8), np.zeros((0, 3))
+    fits = [
+        Faces(none[:, 0], none, none[:, 0], np.array([[0, 0], [0, 0], [turn, 0]]), turn)
+        for turn in turns
+    ]
+
+    def kept(drawn):
+        job = SimpleNamespace(search=SimpleNamespace(drawn=drawn))
+        return [f.x[2, 0] for f in best_of(job, fits)]
+
+    np.testing.assert_allclose(kept(1), turns[::2][:HYPOTHESES])
+    np.testing.assert_allclose(kept(DOUBTFUL_PATHS), turns[: 2 * HYPOTHESES])

@@ -27,6 +27,7 @@ from tactilenlp.problem.pages import shape_of
 from tactilenlp.problem.reductions import Reductions
 from tactilenlp.refinement import refinement
 from tactilenlp.search.multi_hypothesis import proposed_tracks
+from tactilenlp.search.plane_slam import DOUBTFUL_PATHS
 from tactilenlp.tracking.initial_states import DOUBTFUL_DRAWN, DRAWN, initial_states
 from tactilenlp.tracking.process_noise import PROCESS_NOISE_FACTOR
 from tactilenlp.tracking.tracking import predicted_tracks, tracks_after
@@ -150,13 +151,17 @@ def test_what_fits_badly_is_searched_again_where_that_can_find_more(
     assert not searched(asked)
     moved = 1.01 * DECISIVE  # nats of a motion between two actions
     assert searched(asked)
+    assert searched(asked, shape=polytope(20))
+    noisy = Precision(1e-3, 0.1)
+    assert searched(asked, precision=noisy)
+    assert not searched(asked, shape=polytope(20), precision=noisy)
     moved, balance = 0.0, 0.99 * (DECISIVE + 3 * PHYSICS_SHARE)
     assert not searched(asked)
     assert searched(asked, least=DOUBTFUL)
     balance = 1.01 * (DECISIVE + 3 * PHYSICS_SHARE)
     assert searched(asked)
     assert not searched(asked, soft=True)  # soft contacts creep
-    assert not searched(asked, precision=Precision(1e-3, 0.1))
+    assert not searched(asked, precision=noisy)
 
 
 @pytest.mark.slow
@@ -193,8 +198,9 @@ def test_a_doubtful_trajectory_is_first_searched_from_more_draws(
         for n in (DRAWN, DRAWN * DOUBTFUL_DRAWN)
     ]
     assert states[1].shape[1] == DOUBTFUL_DRAWN * states[0].shape[1]
-    of_vertices = replace(request_of_one_action, job=replace(job, shape=polytope(20)))
-    assert from_more_draws(of_vertices, job) is None
+    of_vertices = replace(job, shape=polytope(20))
+    request = replace(request_of_one_action, job=of_vertices, start=None)
+    assert from_more_draws(request, of_vertices).job.search.drawn == DOUBTFUL_PATHS
 
 
 def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
@@ -220,10 +226,9 @@ def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, sh
     found = solve_estimate(data.select([0, 1, 2]), scene, shape=shape)
     (_, first), *parts = searches
     assert not first
-    if shape == "cuboid":  # a polytope has no draws
-        (drawn, kept), *parts = parts
-        assert drawn.actions == 3
-        assert not kept
+    (drawn, kept), *parts = parts
+    assert drawn.actions == 3
+    assert not kept
     assert [d.actions for d, _ in parts] == [1, 2, 3]
     assert not parts[0][1]
     for before, kept in parts[1:]:

@@ -53,7 +53,7 @@ class Slip(NamedTuple):
 def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     """Return the largest force on the still spans as a share of static friction [-].
 
-    The second result are the cuts of the spans that may slip.  whole: the
+    The second result: the samples at which a span that may slip ends.  whole: the
     UnreducedProblem, with a pose for every sample, of a body on the ground.
     """
     x = whole.problem.unpack(whole.x)["x"]
@@ -66,7 +66,7 @@ def rest_force(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
 def slip_gain(scene, solved: Solved, whole) -> tuple[float, tuple[int, ...]]:
     """Return by how many nats slips of a floating body would lower the objective.
 
-    The second result are the cuts of the spans that may slip.  whole: as of
+    The second result: the samples at which a span that may slip ends.  whole: as of
     `rest_force`.
     """
     x = whole.problem.unpack(whole.x)["x"]

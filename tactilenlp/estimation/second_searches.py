@@ -17,6 +17,7 @@ from ..problem.job import Job
 from ..refinement.nested_models import lost_by_compliance
 from ..refinement.refinement import update_costs_too_much
 from ..refinement.sensor_lags import lost_by_latency
+from ..search.plane_slam import DOUBTFUL_PATHS
 from ..tracking.initial_states import DOUBTFUL_DRAWN
 from .initial_search import SEARCH_END
 
@@ -51,17 +52,18 @@ def search_that_may_gain(request: Request, best: Solved) -> Request | None:
 
 
 def from_more_draws(request: Request, like: Job) -> Request | None:
-    """Return the request of a search of all actions that draws more first bodies.
+    """Return the request of a search of all actions from more hypotheses.
 
-    like: the job of a solve, as which it begins (`Job.as_found`).  None of a polytope,
-    whose search draws none, from a user's guess, about which as many are drawn, or
-    without time.
+    More first bodies are drawn; of a polytope more paths of an action are continued.
+    like: the job of a solve, as which it begins (`Job.as_found`).  None from a user's
+    guess, about which as many are drawn, or without time.
     """
     guessed = isinstance(request.start, Guess)
-    if request.job.shape.of_vertices or guessed or not in_time(request):
+    if guessed or not in_time(request):
         return None
     log.info("the trajectory is doubtful: searching from more draws")
-    job = request.job.as_found(like).with_search(drawn=DOUBTFUL_DRAWN)
+    drawn = DOUBTFUL_PATHS if request.job.shape.of_vertices else DOUBTFUL_DRAWN
+    job = request.job.as_found(like).with_search(drawn=drawn)
     return replace(request.from_scratch(), job=job)
 
 

@@ -136,10 +136,10 @@ def update_costs_too_much(request, best: Solved) -> bool:
 def fits_badly(request, best: Solved, physics_least: float = DECISIVE) -> bool:
     """Tell whether a body on the ground may have moved otherwise than it was found.
 
-    Its touches cost more than expected: the fit is not good; or, of a class with sizes,
-    it moved between two actions, but neither slid on nor was pushed on; or precise
-    touches agree with poses that physics does not, by more than physics_least [nats]
-    and what each action leaves, a long one more.
+    Its touches cost more than expected: the fit is not good; or it moved between two
+    actions, but neither slid on nor was pushed on (noise leaves this open for a
+    polytope); or precise touches agree with poses that physics does not, by more than
+    physics_least [nats] and what each action leaves, a long one more.
     A second search may find a lower optimum: action by action, with more process noise,
     or without a body that is carried.  Of a class with sizes that is no box, the class
     may be wrong.
@@ -158,11 +158,12 @@ def fits_badly(request, best: Solved, physics_least: float = DECISIVE) -> bool:
     physics = rows[PHYSICS_ROW].actual if PHYSICS_ROW in rows else 0.0
     count = max(job.data.actions, len(best.window.step) / STEPS_OF_ACTION)
     limit = physics_least + PHYSICS_SHARE * count
-    if precise(job.data, job.precision) and physics > limit:
+    exact = precise(job.data, job.precision)
+    if exact and physics > limit:
         return True
-    if job.shape.of_vertices or BETWEEN_ACTIONS not in problem.costs:
+    if job.shape.of_vertices and not exact:
         return False
-    if not len(best.window.gap):
+    if BETWEEN_ACTIONS not in problem.costs or not len(best.window.gap):
         return False
     x, data = best.solution.at(problem)
     return bool(problem.value(BETWEEN_ACTIONS, x, data).max() > DECISIVE)

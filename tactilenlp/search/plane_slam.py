@@ -30,6 +30,7 @@ HYPOTHESES = 2  # continued after an action, at most
 PLANES_BEHIND = 6.0  # [nats] of these behind the best, at most
 AGREED = 2  # paths that lead to the best optimum: no others are tried
 TURN = 0.05  # [rad] by which paths differ
+DOUBTFUL_PATHS = 2  # [HYPOTHESES, AGREED, 1 / TURN] where the trajectory is doubtful
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
 
@@ -68,15 +69,16 @@ def extensions(job, window, faces: Faces, samples: int) -> list[Faces]:
     They are solved from predicted paths, until AGREED of these lead to the best
     optimum.  Returned are optima whose turns differ.
     """
-    fits = []
+    fits, turn = [], TURN / job.search.drawn
     for path in predicted_paths(job, window, faces, samples):
         if fits and job.deadline.passed("other paths of an action"):
             break
         fits.append(_extension(job, window, faces, path))
         best = min(fits, key=lambda fit: fit.objective)
-        if sum(turn_alike(fit, best) for fit in fits) == AGREED:
+        alike = sum(turn_alike(fit, best, turn) for fit in fits)
+        if alike == AGREED * job.search.drawn:
             break
-    return of_distinct_turns(fits)
+    return of_distinct_turns(fits, turn)
 
 
 def _extension(job, window, faces: Faces, path) -> Faces:
@@ -93,19 +95,19 @@ def _extension(job, window, faces: Faces, path) -> Faces:
     return replace(fit, objective=faces.objective + fit.objective + path.cost)
 
 
-def of_distinct_turns(fits) -> list[Faces]:
-    """Return fits of the same samples, the best first, whose turns differ by TURN."""
+def of_distinct_turns(fits, turn: float) -> list[Faces]:
+    """Return fits of the same samples, best first, that turn by `turn` [rad] apart."""
     kept = []
     for fit in sorted(fits, key=lambda fit: fit.rank):
-        if not any(turn_alike(fit, other) for other in kept):
+        if not any(turn_alike(fit, other, turn) for other in kept):
             kept.append(fit)
     return kept
 
 
-def turn_alike(fit: Faces, other: Faces) -> bool:
-    """Tell whether two bodies turn by the same angles, up to TURN, to the last pose."""
+def turn_alike(fit: Faces, other: Faces, turn: float) -> bool:
+    """Tell whether two bodies turn alike, up to `turn` [rad], as of the last pose."""
     off = fit.x[2] - other.x[2]
-    return bool(np.abs(off - off[-1]).max() < TURN)
+    return bool(np.abs(off - off[-1]).max() < turn)
 
 
 def solution_from(job, problem, window, faces: Faces, levels):
@@ -163,7 +165,7 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
     window = job.window_until(samples)
     if kept:
         starts = [x for one in kept for x in extensions(job, window, one, samples)]
-        starts = [merged_faces(window, start) for start in best_of(starts)]
+        starts = [merged_faces(window, start) for start in best_of(job, starts)]
         ways = [(start, 0.0) for start in starts]
     else:
         ways = [
@@ -176,13 +178,14 @@ def extended_faces(job, kept: list[Faces], samples: int) -> list[Faces]:
             break
         fit = solved_faces(job, window, start, polytope_planes.LEVELS)
         fits.append(replace(fit, objective=fit.objective + cost))
-    joined = [_joined(job, window, fit) for fit in best_of(fits)]
+    joined = [_joined(job, window, fit) for fit in best_of(job, fits)]
     return sorted(joined, key=lambda fit: fit.rank)
 
 
-def best_of(fits) -> list[Faces]:
+def best_of(job, fits) -> list[Faces]:
     """Return the best HYPOTHESES whose turns differ, at most PLANES_BEHIND the best."""
-    best = of_distinct_turns(fits)[:HYPOTHESES]
+    drawn = job.search.drawn
+    best = of_distinct_turns(fits, TURN / drawn)[: HYPOTHESES * drawn]
     return [fit for fit in best if fit.objective <= best[0].objective + PLANES_BEHIND]
 
 
