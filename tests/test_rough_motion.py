@@ -13,7 +13,7 @@ from formulations.shape import CUBOID
 from tactilenlp import CYLINDER, Options, polytope, solve_estimate
 from tactilenlp.data.sensor_noise import Precision
 from tactilenlp.estimation import optima
-from tactilenlp.estimation.second_searches import from_more_draws
+from tactilenlp.estimation.second_searches import from_more_hypotheses
 from tactilenlp.information.goodness_of_fit import PHYSICS_ROW, Misfit
 from tactilenlp.interface.request import Request, make_job
 from tactilenlp.local.margins import (
@@ -187,11 +187,11 @@ def test_the_better_of_two_searches_is_the_estimate(recorded, monkeypatch):
     assert twice.objective <= once.objective + 1e-3
 
 
-def test_a_doubtful_trajectory_is_first_searched_from_more_draws(
+def test_a_doubtful_trajectory_is_first_searched_from_more_hypotheses(
     request_of_one_action,
 ):
     job = request_of_one_action.job
-    wide = from_more_draws(replace(request_of_one_action, start=None), job)
+    wide = from_more_hypotheses(replace(request_of_one_action, start=None), job)
     assert wide.job.search.drawn == DOUBTFUL_DRAWN > job.search.drawn
     states = [
         initial_states(job.data, CUBOID, np.random.default_rng(0), 0.01, n)[0]
@@ -200,7 +200,7 @@ def test_a_doubtful_trajectory_is_first_searched_from_more_draws(
     assert states[1].shape[1] == DOUBTFUL_DRAWN * states[0].shape[1]
     of_vertices = replace(job, shape=polytope(20))
     request = replace(request_of_one_action, job=of_vertices, start=None)
-    assert from_more_draws(request, of_vertices).job.search.drawn == DOUBTFUL_PATHS
+    assert from_more_hypotheses(request, of_vertices).job.search.drawn == DOUBTFUL_PATHS
 
 
 def test_one_action_of_a_polytope_is_not_searched_twice(request_of_one_action):
@@ -221,7 +221,7 @@ def test_the_next_action_continues_what_the_page_found(recorded, monkeypatch, sh
         return whole(request, incumbents, begun)
 
     monkeypatch.setattr(optima, "initial_hypotheses", searched)
-    bad = [True, True]  # at first, and from more draws; then no longer
+    bad = [True, True]  # at first, and from more hypotheses; then no longer
     monkeypatch.setattr(optima, "fits_badly", lambda *_: bad and bad.pop())
     found = solve_estimate(data.select([0, 1, 2]), scene, shape=shape)
     (_, first), *parts = searches

@@ -21,8 +21,9 @@ A search is repeated from the first touch where the objective says that it has l
 trajectory, with a latency of the sensors or soft fingertips of a polytope that were
 found, and on a ground that was found to lean (second_searches.py).  Where the fit is
 not good, or physics costs more than usual, another one draws more bodies at the first
-touch; if that does not help, one solves the page after every action, and continues its
-optima, not tracks of the filter alone.  The better result counts.
+touch, or continues more paths of a polytope; if that does not help, one solves the page
+after every action, and continues its optima, not tracks of the filter alone.  The
+better result counts.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ from .few_starts import FewStarts, update_from_few_starts
 from .initial_search import REFINEMENT_END, initial_hypotheses
 from .interrupted import Incumbents
 from .second_searches import (
-    from_more_draws,
+    from_more_hypotheses,
     in_time,
     job_to_search_again,
     search_that_may_gain,
@@ -129,7 +130,7 @@ def optima_of(
         return solve_other_motions(solved.job, flat, request.executor)
 
     optima = certify_best(request, optima, certify)
-    searches = (_search_from_more_draws, DOUBTFUL), (_search_by_action, DECISIVE)
+    searches = (_search_from_more_hypotheses, DOUBTFUL), (_search_by_action, DECISIVE)
     for search, physics_least in searches:
         searched = request.job.search.hypothesis is None
         if not (searched and fits_badly(request, optima.best, physics_least)):
@@ -170,12 +171,12 @@ def _search_once(
     return Optima(solved[0] if solved else None, solved, hypotheses, starts)
 
 
-def _search_from_more_draws(request: Request, like: Job) -> Optima | None:
-    """Return the optima of a search from more draws, if there is time for one.
+def _search_from_more_hypotheses(request: Request, like: Job) -> Optima | None:
+    """Return the optima of a search from more hypotheses, if there is time for one.
 
     like: as of `_search_by_action`.
     """
-    if (wide := from_more_draws(request, like)) is None:
+    if (wide := from_more_hypotheses(request, like)) is None:
         return None
     optima = _search_once(wide, Incumbents([]))
     return None if optima.best is None else optima

@@ -2,7 +2,7 @@
 
 A search is repeated where its assumptions turned out to be wrong (latency, soft
 fingertips of a polytope, a ground that leans), where an update costs too much, and,
-where the trajectory is doubtful, from more draws of the body at the first touch.
+where the trajectory is doubtful, from more hypotheses.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def search_that_may_gain(request: Request, best: Solved) -> Request | None:
     return None
 
 
-def from_more_draws(request: Request, like: Job) -> Request | None:
+def from_more_hypotheses(request: Request, like: Job) -> Request | None:
     """Return the request of a search of all actions from more hypotheses.
 
     More first bodies are drawn; of a polytope more paths of an action are continued.
@@ -61,7 +61,7 @@ def from_more_draws(request: Request, like: Job) -> Request | None:
     guessed = isinstance(request.start, Guess)
     if guessed or not in_time(request):
         return None
-    log.info("the trajectory is doubtful: searching from more draws")
+    log.info("the trajectory is doubtful: searching from more hypotheses")
     drawn = DOUBTFUL_PATHS if request.job.shape.of_vertices else DOUBTFUL_DRAWN
     job = request.job.as_found(like).with_search(drawn=drawn)
     return replace(request.from_scratch(), job=job)

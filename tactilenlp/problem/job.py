@@ -35,9 +35,10 @@ class SearchSettings:
     """How a job is searched.
 
     guess: a user's, of one sample, of the body at the first touch; drawn: factor of the
-    number of bodies drawn there; process_noise: of its deviations; may_be_carried:
-    whether the body may be, by hand, between two actions; hypothesis: one of all
-    samples that is solved instead of a search.
+    number of bodies drawn there, or of a polytope's paths that are continued;
+    process_noise: of its deviations; may_be_carried: whether the body may be, by hand,
+    between two actions; hypothesis: one of all samples that is solved instead of a
+    search.
     """
 
     guess: Hypothesis | None = None
