@@ -7,9 +7,11 @@ from formulations.between_actions import GAP
 from formulations.polytope_quasi_static import LEG
 from tactilenlp.exploration.polytope_beliefs import (
     FLATNESS_SIGMA,
+    LIFT,
     after_retraction,
     ball_prior,
     flatness_information,
+    unseen_corners,
 )
 
 ANGLES = np.linspace(0, 2 * np.pi, 6, endpoint=False)
@@ -53,3 +55,18 @@ def test_a_retraction_loses_information_about_place_and_yaw_alone():
     for axis, variance in ((0, GAP**2), (1, GAP**2), (2, 0.0)):
         mean = np.tile(np.eye(3)[axis], 12) / 12
         assert mean @ lost @ mean == pytest.approx(variance, rel=1e-6, abs=1e-15)
+
+
+def test_a_corner_may_be_behind_a_face_that_nothing_felt():
+    """A cube without one corner: every side was felt, the face that cuts it was not."""
+    cube = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * 0.04
+    cut, sides = cube[1:], np.vstack([np.eye(3), -np.eye(3)[:2]])
+    felt = 0.02 * sides + 0.002 * np.roll(np.abs(sides), 1, axis=1), sides
+    (corner,) = unseen_corners(cut, felt, (10, 8, 6))
+    outward = -np.ones(3) / np.sqrt(3)
+    np.testing.assert_allclose(
+        corner, cube[[1, 2, 4]].mean(axis=0) + LIFT * outward, atol=1e-12
+    )
+    assert not len(unseen_corners(cube, felt, (10, 8, 6)))  # the ground needs no touch
+    assert not len(unseen_corners(cut, felt, ()))  # its number of vertices is told
+    assert len(unseen_corners(cut, UNTOUCHED, (12, 6))) == 5  # the largest faces first

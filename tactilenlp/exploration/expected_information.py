@@ -86,7 +86,8 @@ class ExpectedInformation:
     shape:      the Shape of the estimate if it is your own
 
     For a polytope the gain is about its vertices in the world frame, which include the
-    final pose; see polytope_beliefs.py.  Raises OptionError, SceneError.
+    final pose, and about corners that no finger felt; see polytope_beliefs.py.  Raises
+    OptionError, SceneError.
     """
 
     def __init__(
@@ -115,7 +116,8 @@ class ExpectedInformation:
         self._free = has_free_poses(estimate, self.shape)
         if self.shape.of_vertices:
             self._sensors = polytope_beliefs.hull_sensor_model(estimate)
-            self.beliefs = [polytope_beliefs.belief_of(estimate, self.shape)]
+            self.beliefs = [polytope_beliefs.belief_of(estimate, shape)]
+            self.shape = shape.pushed(shape, len(self.beliefs[0].z))
         else:
             self._sensors = beliefs.sensor_model(estimate)
             self.beliefs = beliefs.beliefs_of(

@@ -15,6 +15,9 @@ samples  eq:obsinfo of every sample, gap and normal, through the weights that th
          however many samples it has
 planes   a touched face, and the ground, is one plane: vertices on it move together,
          FLATNESS_SIGMA off it.  No gain is counted for bending a touched face
+unseen   behind a face that no finger felt the body may have a corner more, though its
+         corners were felt on other faces.  The middles of the largest such faces are
+         vertices of the belief as well: the prior alone tells where they are
 
 The exact information of the estimate is not used: its regulariser (`stay`) holds the
 motion of vertices along the surface, and with it the size of the whole body, and the
@@ -31,7 +34,7 @@ from formulations.polytope_quasi_static import LEG, SPREAD, STAY
 from formulations.pushed_hull import LIFTED
 
 from ..geometry.convex_hull import hull_vertices, nearest_points
-from ..geometry.faces import FACE_TILT
+from ..geometry.faces import FACE_TILT, polygons
 from ..geometry.support import Standing, settling
 from ..geometry.transforms import is_planar, rotation_of
 from . import beliefs
@@ -47,6 +50,7 @@ FACE_SIGMA = 0.3e-3  # [m] of touched faces as estimated, besides FACE_TILT
 CORRELATED_SAMPLES = 10  # [1] samples of a contact that share this error
 FLATNESS_SIGMA = 0.3e-3  # [m] of a vertex from the plane of a touched face
 ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a contact lies on it
+LIFT = 0.1e-3  # [m] of a corner that no finger felt, outside of its face
 VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 
@@ -60,15 +64,38 @@ def belief_of(estimate, shape) -> Belief:
     if not is_planar(estimate.unknowns["x"]):  # it may lean on a finger
         turn, centre = settling(vertices, centre)
         vertices, points = vertices @ turn.T, points @ turn.T
+    contacts = contacts_on_hull(estimate, vertices, points)
+    unseen = unseen_corners(vertices, contacts, shape.counts)
+    vertices = np.vstack([vertices, unseen])
+    shape = shape.pushed(shape, vertices.size)
     before = ball_prior(vertices, shape.size_prior)
     information = before + hull_information_of_samples(
         estimate, shape, vertices, points
     )
-    information += flatness_information(
-        vertices, centre[2], contacts_on_hull(estimate, vertices, points)
-    )
+    information += flatness_information(vertices, centre[2], contacts)
     information = after_retraction(information, vertices)
     return Belief(vertices.ravel(), information, before, 1.0, -centre[None])
+
+
+def unseen_corners(vertices, contacts, counts) -> np.ndarray:
+    """Return points (n, 3) [m] where a hull may have corners that no finger felt.
+
+    contacts: of contacts_on_hull.  As many points as the next of the numbers of
+    vertices, counts, has more, LIFT outside of the middles of the largest faces with no
+    contact in their planes.  The face on the ground is not one of them.
+    """
+    more = min((c - len(vertices) for c in counts if c > len(vertices)), default=0)
+    point, normal = contacts
+    faces = []
+    for corners, n in polygons(vertices) if more else ():
+        middle = vertices[corners].mean(axis=0)
+        off = np.abs(((point - middle) * normal).sum(axis=1)).min(initial=np.inf)
+        if off > ON_PLANE and n[2] > -np.cos(FACE_TILT):
+            arms = vertices[corners] - middle
+            spanned = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
+            faces.append((np.linalg.norm(spanned), middle + LIFT * n))
+    faces.sort(key=lambda face: -face[0])
+    return np.array([corner for _, corner in faces[:more]]).reshape(-1, 3)
 
 
 def standing_hull_of(belief: Belief, centre) -> Standing:
