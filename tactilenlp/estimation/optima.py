@@ -21,9 +21,9 @@ A search is repeated from the first touch where the objective says that it has l
 trajectory, with a latency of the sensors or soft fingertips of a polytope that were
 found, and on a ground that was found to lean (second_searches.py).  Where the fit is
 not good, or physics costs more than usual, another one draws more bodies at the first
-touch, or continues more paths of a polytope; if that does not help, one solves the page
-after every action, and continues its optima, not tracks of the filter alone.  The
-better result counts.
+touch; if that does not help, one solves the page after every action, and continues its
+optima, not tracks of the filter alone.  Of a polytope the latter comes first, then one
+that continues more paths.  The better result counts.
 """
 
 from __future__ import annotations
@@ -130,7 +130,9 @@ def optima_of(
         return solve_other_motions(solved.job, flat, request.executor)
 
     optima = certify_best(request, optima, certify)
-    searches = (_search_from_more_hypotheses, DOUBTFUL), (_search_by_action, DECISIVE)
+    searches = [(_search_from_more_hypotheses, DOUBTFUL), (_search_by_action, DECISIVE)]
+    if request.job.shape.of_vertices:  # more paths of a polytope are not cheap
+        searches = [(search, DECISIVE) for search, _ in reversed(searches)]
     for search, physics_least in searches:
         searched = request.job.search.hypothesis is None
         if not (searched and fits_badly(request, optima.best, physics_least)):
