@@ -50,7 +50,7 @@ FACE_SIGMA = 0.3e-3  # [m] of touched faces as estimated, besides FACE_TILT
 CORRELATED_SAMPLES = 10  # [1] samples of a contact that share this error
 FLATNESS_SIGMA = 0.3e-3  # [m] of a vertex from the plane of a touched face
 ON_PLANE = 0.5e-3  # [m] a vertex this near to the plane of a contact lies on it
-LIFT = 0.1e-3  # [m] of a corner that no finger felt, outside of its face
+LIFT = 0.1e-3  # [m] off its face, so that an unseen corner is a vertex of the hull
 VERTICES_OF_A_PLANE = 3  # [1]: as many always lie on one plane
 
 

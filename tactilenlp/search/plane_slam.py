@@ -30,7 +30,9 @@ HYPOTHESES = 2  # continued after an action, at most
 PLANES_BEHIND = 6.0  # [nats] of these behind the best, at most
 AGREED = 2  # paths that lead to the best optimum: no others are tried
 TURN = 0.05  # [rad] by which paths differ
-DOUBTFUL_PATHS = 2  # [HYPOTHESES, AGREED, 1 / TURN] where the trajectory is doubtful
+# [HYPOTHESES, AGREED, 1 / TURN] where the trajectory is doubtful: four of ten explored
+# polytopes end 14 to 80 nats lower, with four times as many no lower
+DOUBTFUL_PATHS = 2
 FACE_ANGLE = 0.03  # [rad] normals of one face agree this well
 FACE_OFFSET = 0.2e-3  # [m] and its offsets
 
